@@ -131,9 +131,9 @@ class SmoothMap(Family, ABC):
         return self.conservative
 
     @property
-    def _may_conserve(self) -> bool:
-        """Whether orbits may form families, on the levels of a first integral that is not used."""
-        return False
+    def _families(self) -> str:
+        """Where orbits may form families, for the user to read; empty where none are expected."""
+        return ""
 
     def orbit_factors(
         self,
@@ -235,6 +235,13 @@ class SmoothMap(Family, ABC):
     def accuracy(self) -> float:
         """Error of one call, relative to the size of the state: by default one rounding, 2^-52."""
         return 2.0**-52
+
+    def call_errors(self, states: Array) -> Array:
+        """Return errors (n,) of the calls of states (n, d): by default the `accuracy` times a size.
+
+        The size is the largest coordinate of all these states.
+        """
+        return np.full(len(states), self.accuracy * float(abs(states).max(initial=0.0)))
 
     def stretching(self, state: Array, n: int) -> Stretching:
         """Return how the next n iterates stretch a frame that starts as the unit vectors.

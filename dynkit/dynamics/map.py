@@ -40,7 +40,8 @@ class Map(SmoothMap):
        arguments are (..., d) and broadcast; it is antisymmetric, and zero where a equals b.
     5. ``parameters`` and ``replace``, when the class has parameters but is not a dataclass; see
        `Family`.
-    6. `accuracy`, when a call has errors beyond rounding.
+    6. `accuracy`, when a call has errors beyond rounding, and ``call_errors(states)``, when these
+       are known state by state.
     7. ``parameter_derivative(state, name)``, the exact (d,) derivative of the call by a parameter;
        otherwise it is computed from differences.
     8. ``jacobian_factors(state)``, when the derivative is a product of factors and the product

@@ -117,8 +117,13 @@ class PoincareMap(Map):
         return self.level is not None
 
     @property
-    def _may_conserve(self) -> bool:
-        return self.level is None
+    def _families(self) -> str:
+        if self.level is not None:
+            return ""
+        return (
+            "as where an energy is conserved; declare it in `integrals` of the flow, and give the "
+            "Poincare map a `level` of it"
+        )
 
     @cached_property
     def _level(self) -> Level | None:

@@ -94,28 +94,22 @@ def _reach(ladder: Ladder, states: Array, k: int) -> float:
 @kernel()
 def tail(ladder: Ladder, states: Array, k: int) -> float:
     """Return a lower bound of f at all later times."""
-    lowest = ladder.offset
-    if ladder.grows or ladder.links.shape[0] > 0:
-        lowest, rate, second, down, _ = _drift(ladder, states, k)
-        if second < 0.0 or (second == 0.0 and rate < 0.0):
-            return -math.inf
-        if rate < 0.0:
-            lowest -= 0.5 * rate * rate / second
-        lowest -= down
+    lowest, rate, second, down, _ = _drift(ladder, states, k)
+    if second < 0.0 or (second == 0.0 and rate < 0.0):
+        return -math.inf
+    if rate < 0.0:
+        lowest -= 0.5 * rate * rate / second
+    lowest -= down
     return lowest - ladder.swing - _reach(ladder, states, _less_steady(ladder, states, k))
 
 
 @kernel()
 def stays_in_band(ladder: Ladder, states: Array, k: int, band: float) -> bool:
     """Return whether abs(f) stays within the band at all later times."""
-    value = ladder.offset
-    moves = 0.0
-    if ladder.grows or ladder.links.shape[0] > 0:
-        value, rate, second, down, up = _drift(ladder, states, k)
-        if rate != 0.0 or second != 0.0:
-            return False
-        moves = down + up
-    moves += ladder.swing + _reach(ladder, states, _less_steady(ladder, states, k))
+    value, rate, second, down, up = _drift(ladder, states, k)
+    if rate != 0.0 or second != 0.0:
+        return False
+    moves = down + up + ladder.swing + _reach(ladder, states, _less_steady(ladder, states, k))
     return abs(value) + moves <= band
 
 

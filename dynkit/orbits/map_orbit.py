@@ -72,11 +72,11 @@ class MapOrbit(KeptSolution, PeriodicOrbit):
 
     @cached_property
     def error(self) -> float:
-        """Bound of the largest error of a coordinate, to first order in the map's `accuracy`.
+        """Bound of the largest error of a coordinate, to first order in the errors of the map.
 
         It is twice the inverse derivative of the equations times the sum of the residual and four
-        times the accuracy of a call, relative to the largest state. Infinite where the derivative
-        is singular, or may be singular within its error.
+        times the `call_errors` of the map. Infinite where the derivative is singular, or may be
+        singular within its error.
         """
         return float(orbit_bound(self.problem(), self._x, _NONE).max())
 

@@ -141,9 +141,9 @@ class MapProblem(PeriodicProblem, FamilyProblem):
         return np.asarray((gap / self.units).ravel())
 
     def rounding(self, x: Array, p: Array) -> Array:
-        """Return four times the accuracy of a call relative to the largest state, (n d,)."""
-        wrong = ROUNDINGS * self.at(p).accuracy * float(abs(x).max()) / self.units
-        return np.tile(wrong, len(self._like))
+        """Return four times the errors of the calls, (n d,)."""
+        wrong = ROUNDINGS * self.at(p).call_errors(self._rows(x))
+        return np.asarray((wrong[:, None] / self.units).ravel())
 
     def linearization_error(self, x: Array, p: Array) -> Any:
         system = self.at(p)

@@ -19,10 +19,7 @@ from dynkit.orbits.newton import NoConvergence, solve
 # this close only where the parameter is within the square of it, 1e-14, of the bifurcation.
 _SAME = 1e-7
 _NONE = np.empty(0)
-_FAMILY = (
-    "no isolated periodic orbit found from the guess: it is one of a family, as where an energy is "
-    "conserved; declare it in `integrals` of the flow, and give the Poincare map a `level` of it"
-)
+_FAMILY = "no isolated periodic orbit found from the guess: it is one of a family, "
 
 
 def periodic_orbit(system: SmoothMap, guess: Any, *, period: int | None = None) -> MapOrbit:
@@ -52,8 +49,8 @@ def periodic_orbit(system: SmoothMap, guess: Any, *, period: int | None = None) 
     NoMotion
         When a guess of one state has fewer than n - 1 iterates.
     NoConvergence
-        When Newton's method does not converge to an orbit, or, of a flow, to one of a continuous
-        family, as where an energy is conserved.
+        When Newton's method does not converge to an orbit, or, of a flow or a machine, to one of a
+        continuous family, as where an energy is conserved or friction never slips.
 
     Examples
     --------
@@ -70,8 +67,8 @@ def periodic_orbit(system: SmoothMap, guess: Any, *, period: int | None = None) 
         x, more = shorter
         history += more[1:]
     problem = MapProblem(system, x.reshape(-1, system.dimension))
-    if system._may_conserve and problem.is_of_a_family(x):
-        raise NoConvergence(_FAMILY)
+    if system._families and problem.is_of_a_family(x):
+        raise NoConvergence(_FAMILY + system._families)
     cost = Cost(time.perf_counter() - began, {"newton steps": len(history) - 1})
     return MapOrbit(problem, x, history, cost)
 

@@ -275,6 +275,20 @@ class ImpactMap(DrivenStructure, Map):
             raise NoCrossing(f"there is no next impact: {done.ending.value}")
         return self.section_state(done.final)
 
+    @property
+    def _families(self) -> str:
+        return "as where friction or a slider never slips" if self._soft else ""
+
+    def call_errors(self, states: Array) -> Array:
+        """Return errors (n,) of the calls of states: a quarter of `ImpactRecord.error`.
+
+        The estimate is four times what disturbances change; the rounding of a state counts.
+        """
+        least = super().call_errors(states)
+        found = [self.simulate(impacts=1, start=self.impact_state(state)).error for state in states]
+        ends = [float(error[0]) if len(error) else np.inf for error in found]
+        return np.maximum(least, 0.25 * np.array(ends))
+
     def jacobian(self, state: Array) -> Array:
         return impact_derivative(self, self.impact_state(state))
 

@@ -23,6 +23,9 @@ if TYPE_CHECKING:
 # Limit on the elements of a matrix, summed over all cached derivations: about 160 MB.
 _MOST_KEPT = 4_000_000
 
+# Limit on their number: modes of machines with elements are kept beside them, half a MB or so each.
+_MOST = 64
+
 # A table shows at most so many modes, and derives none for more masses than this.
 _MODES, _MASSES = 5, 100
 
@@ -166,7 +169,7 @@ _lock = RLock()
 
 
 class _Derivations:
-    """The derivations used last: at least one, and at most `_MOST_KEPT` matrix elements."""
+    """The derivations used last: at most `_MOST`, with `_MOST_KEPT` matrix elements, or one."""
 
     def __init__(self) -> None:
         self._kept: OrderedDict[Hashable, Derivation] = OrderedDict()
@@ -182,7 +185,7 @@ class _Derivations:
         """Keep a derivation; drop those that have not been used for longest."""
         self._kept[key] = found
         self._entries += found.mass.size**2
-        while self._entries > _MOST_KEPT and len(self._kept) > 1:
+        while len(self._kept) > 1 and (self._entries > _MOST_KEPT or len(self._kept) > _MOST):
             _, dropped = self._kept.popitem(last=False)
             self._entries -= dropped.mass.size**2
 

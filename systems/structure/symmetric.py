@@ -16,6 +16,7 @@ from dynkit.systems.structure.double_double import (
     add,
     quick_two_sum,
     scale,
+    two_product,
     two_sum,
 )
 
@@ -149,6 +150,20 @@ class SymmetricMatrix:
                     elements[a, b] = elements.get((a, b), Fraction(0)) + term
         return SymmetricMatrix.from_fractions(size, elements)
 
+    def with_spring(self, row: Array, factor: float) -> "SymmetricMatrix":
+        """The matrix plus ``factor * outer(row, row)``, to double-double accuracy."""
+        dense = DoubleDouble(self.dense.copy(), np.zeros((self.size, self.size)))
+        dense.low[self.rows, self.columns] = self.low
+        some = np.flatnonzero(row)
+        here, own = np.ix_(some, some), row[some]
+        term = scale(two_product(own[:, None], own[None]), np.full((1, 1), factor))
+        summed = add(DoubleDouble(*(part[here] for part in dense)), term)
+        for part, value in zip(dense, summed, strict=True):
+            part[here] = value
+        rows, columns = np.nonzero(dense.high)
+        high, low = (part[rows, columns] for part in dense)
+        return SymmetricMatrix(self.size, rows, columns, high, low)
+
     @cached_property
     def _layers(self) -> list[_Layer]:
         """The elements sorted into layers with at most one element of each row."""
@@ -192,6 +207,12 @@ class SymmetricMatrix:
         low = np.zeros((self.size, self.size))
         low[self.rows, self.columns] = self.low
         return quick_two_sum(total.high, total.low + low @ x)
+
+
+def product_with(a: Array, b: DoubleDouble) -> DoubleDouble:
+    """Product of a matrix of doubles with one of double-doubles, to double-double accuracy."""
+    low = a @ b.low
+    return add(exact_slices_product(a, b.high), DoubleDouble(low, np.zeros_like(low)))
 
 
 def exact_slices_product(a: Array, b: Array) -> DoubleDouble:

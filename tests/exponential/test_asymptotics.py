@@ -75,7 +75,7 @@ def test_no_sum_falls_below_its_tail(mode: str, drive: str) -> None:
     rng = np.random.default_rng(7)
     for _ in range(40):
         row = np.zeros((2, 4))
-        row[0, :3] = rng.normal(size=3)
+        row[0] = rng.normal(size=4)
         sums = ladder(row, float(rng.normal()), propagators, TABLE)
         states = np.zeros((STATES, 2, propagators.step.shape[2]))
         states[START, :, :4] = random_state(rng)

@@ -619,3 +619,39 @@ def test_three_supports_of_a_beam_have_a_unique_motion(moment: float) -> None:
     pushed = 1.0 if abs(moment) <= 1.0 else 1.0 + (abs(moment) - 1.0) / 1.3
     assert sum(forces) == pytest.approx(pushed, rel=1e-13)
     assert record.ambiguous is None
+
+
+@pytest.mark.parametrize(
+    ("low", "amplitude", "inertia", "moment", "damping", "place"),
+    [
+        ((-1e-12, 0.0, 0.0), 0.0, 0.1, 0.0, 0.1, (0.366, -0.027)),
+        ((0.0, 0.0, -1e-12), 0.1, 1.0, -0.5, 0.1, (0.459, 0.0)),
+        ((-1e-12, 0.0, 0.0), 0.1, 1.0, 0.0, 0.1, (0.885, 0.044)),
+    ],
+)
+def test_three_supports_that_are_hardly_uneven_come_to_rest_on_two(
+    low: tuple[float, ...],
+    amplitude: float,
+    inertia: float,
+    moment: float,
+    damping: float,
+    place: tuple[float, float],
+) -> None:
+    sides = enumerate(zip((-1.0, 0.0, 1.0), low, strict=True))
+    beam = MatrixOscillator(
+        M=np.diag([1.0, inertia]),
+        C=damping * np.eye(2),
+        K=np.eye(2),
+        frequency=1.0,
+        constant_forces=[-1.0, moment],
+        elements=[
+            HardStop([1.0, side], restitution=0.0, offset=at, amplitude=amplitude, name=f"s{k}")
+            for k, (side, at) in sides
+        ],
+    )
+    record = beam.simulate(impacts=1000, start=beam.state(list(place), [0.0, 0.0]))
+    assert record.ending.name == "CONTACT_FOR_EVER"
+    times = float(record.time[-1]) + np.linspace(0.1, 6.0, 20)
+    for k in range(3):
+        assert record.observable(f"s{k}.contact_force", times).min() >= -1e-14
+        assert record.observable(f"s{k}.gap", times).min() >= -1e-14

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from dynkit import basins, parameter_map, sweep
-from dynkit.systems import MatrixOscillator
+from dynkit.systems import HardStop, ImpactChain, MatrixOscillator
 from tests.effort import is_thorough
 
 EYE = np.eye(2)
@@ -64,3 +64,11 @@ def _drawn(random: np.random.Generator) -> MatrixOscillator:
         contact=int(random.integers(0, n)),
         play=float(random.choice([np.inf, 0.01, 1.0, 5.0])),
     )
+
+
+@pytest.mark.parametrize("clearance", [1e-3, 1e-5, 1e-6, 1e-7, 1e-9])
+def test_a_start_lies_between_stops_however_near_they_are(clearance: float) -> None:
+    stops = [HardStop(2), HardStop(2, offset=clearance, side="below")]
+    for elements in (stops, stops[::-1]):
+        place = ImpactChain(masses=3, frequency=0.9, elements=elements).state().position[2]
+        assert 0.0 < place < clearance

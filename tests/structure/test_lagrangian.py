@@ -221,6 +221,16 @@ def test_old_derivations_are_dropped(monkeypatch: pytest.MonkeyPatch) -> None:
     assert Chain(6, springs=3.0).modes is not kept
 
 
+def test_few_derivations_are_kept_however_small_they_are() -> None:
+    kept = Chain(2, springs=3.5).modes
+    for k in range(lagrangian._MOST - 1):
+        assert Chain(2, springs=4.0 + k).modes.frequencies.shape == (2,)
+    assert Chain(2, springs=3.5).modes is kept
+    for k in range(lagrangian._MOST):
+        assert Chain(2, springs=4.5 + k).modes.frequencies.shape == (2,)
+    assert Chain(2, springs=3.5).modes is not kept
+
+
 def test_pickles_are_small_and_come_back_equal() -> None:
     chain = TaperedChain(50, 0.9)
     assert chain.modes.error < 1e-15

@@ -83,6 +83,11 @@ QUANTITIES = {
     "`multipliers_error`, cycles": Quantity(cycles.of_bent_cycles, 53),
     "`multipliers_error`, branches": Quantity(multipliers.of_branches, 25),
     "`ImpactOrbit.error`, P(inf,m)": Quantity(orbits.states_of_sticking_orbits, 60),
+    "`MapOrbit.error`, machines": Quantity(
+        partial(itineraries.states_of_machines, sliding=True),
+        1,
+        partial(itineraries.states_of_machines, numbers=itineraries.SLIDING, sliding=True),
+    ),
     "`Harmonics.error`": Quantity(orbits.coefficients_of_harmonics, 50),
     "`POD.error`, exact": Quantity(averages.powers, 60),
     "`Branch.error`": Quantity(branches.points_of_branches, 100),

@@ -40,3 +40,11 @@ def test_a_stop_that_is_elsewhere_by_little_is_noticed(number: int) -> None:
     found = compared(system, start, truth=system.replace(elements=moved))
     exceeded = any(true > claimed for true, claimed in (*found.states, *found.times))
     assert found.wrong or exceeded
+
+
+@pytest.mark.parametrize("number", [1643, 5801, 5828, 10085])
+def test_machines_that_were_wrong_are_right(number: int) -> None:
+    found = compared_machine(number)
+    assert not found.wrong
+    assert not found.ended
+    assert all(true <= claimed for true, claimed in (*found.states, *found.times))

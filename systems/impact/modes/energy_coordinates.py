@@ -10,7 +10,11 @@ import numpy as np
 from dynkit.core.validation import Array
 from dynkit.systems.structure.double_double import ROUNDING, DoubleDouble, add, divide, negative
 from dynkit.systems.structure.modes import Derivation
-from dynkit.systems.structure.symmetric import SymmetricMatrix, exact_slices_product
+from dynkit.systems.structure.symmetric import (
+    SymmetricMatrix,
+    exact_slices_product,
+    product_with,
+)
 from dynkit.systems.structure.traction import product_of
 
 
@@ -61,7 +65,7 @@ class EnergyCoordinates:
         if given.traction is not None:
             own = shapes.T @ given.traction.along
             drag, springs = (
-                add(part, _times(own, product_of(by, shapes)))
+                add(part, product_with(own, product_of(by, shapes)))
                 for part, by in zip((drag, springs), given.traction[1:], strict=True)
             )
             for part in springs:
@@ -85,7 +89,7 @@ class EnergyCoordinates:
         n = len(self.scale)
         top, bottom = (DoubleDouble(*(p[s] for p in columns)) for s in (np.s_[:n], np.s_[n:]))
         top = divide(top, _double_double(self.scale[:, None]))
-        parts = [_times(self.shapes, part) for part in (top, bottom)]
+        parts = [product_with(self.shapes, part) for part in (top, bottom)]
         return DoubleDouble(*(np.concatenate(p) for p in zip(*parts, strict=True)))
 
     def uncertain_drag(self, column: Array) -> float:
@@ -115,14 +119,9 @@ def _double_double(a: Array) -> DoubleDouble:
     return DoubleDouble(a, np.zeros_like(a))
 
 
-def _times(a: Array, b: DoubleDouble) -> DoubleDouble:
-    """Product of a matrix of doubles with one of double-doubles."""
-    return add(exact_slices_product(a, b.high), _double_double(a @ b.low))
-
-
 def _congruent(shapes: Array, matrix: SymmetricMatrix) -> DoubleDouble:
     """The matrix shapes' matrix shapes."""
-    return _times(np.ascontiguousarray(shapes.T), matrix.times(shapes))
+    return product_with(np.ascontiguousarray(shapes.T), matrix.times(shapes))
 
 
 def _divided(matrix: DoubleDouble, deviation: DoubleDouble) -> DoubleDouble:
@@ -131,7 +130,7 @@ def _divided(matrix: DoubleDouble, deviation: DoubleDouble) -> DoubleDouble:
     size = float(np.linalg.norm(deviation.high))
     error = size
     while error > ROUNDING:
-        product = _times(deviation.high, quotient)
+        product = product_with(deviation.high, quotient)
         product = add(product, _double_double(deviation.low @ quotient.high))
         quotient = add(matrix, negative(product))
         error *= size

@@ -13,10 +13,15 @@ from dynkit.core.validation import Array
 from dynkit.exponential.modes import Pairs
 from dynkit.exponential.propagators import Propagators, padded
 from dynkit.systems.impact.modes.bases import Basis, row_by_row
+from dynkit.systems.structure.double_double import column_sums, two_product
 
 RESONANT = 1e-3
 """Relative distance of a mode's rate from the forcing frequency below which the mode is driven step
 by step: its steady response would be so large that the rest of the motion lost digits."""
+
+DISTURBANCE = 8.0
+"""Disturbance of numbers by which `ImpactRecord.error` is estimated, in units of 2^-52: steady
+responses that lose more than this factor by cancellation are refined."""
 
 HIDDEN = 2.0**-80
 """Modes with a smaller share in a guard, relative to the largest share, are left out of it."""
@@ -161,7 +166,10 @@ class Forced:
         g = pairs.generator
         trace, determinant = g[0] + g[3], g[0] * g[3] - g[1] * g[2]
         distance = abs(determinant - w * w - 1j * w * trace)
-        resonant = distance < RESONANT * (w * w + abs(determinant) + w * abs(trace))
+        terms = w * w + abs(determinant) + w * abs(trace)
+        resonant = distance < RESONANT * terms
+        product = abs(g[0] * g[3]) + abs(g[1] * g[2])
+        lossy = distance < terms / DISTURBANCE, abs(determinant) < product / DISTURBANCE
         response = np.zeros_like(push)
         chained = np.unique(pairs.links[0])
         alone = np.ones(pairs.count, dtype=bool)
@@ -172,14 +180,14 @@ class Forced:
                 if len(modes) == 1 and target == modes[0]:
                     push[..., target] += response[..., source] @ b.reshape(2, 2).T
             for turning, none in ((True, resonant[modes]), (False, determinant[modes] == 0.0)):
-                part = slice(0, 2) if turning else slice(2, 3)
+                part, loses = (slice(0, 2), lossy[0]) if turning else (slice(2, 3), lossy[1])
                 pushed = push[part][..., modes].any(axis=(0, 1))
                 for k in modes[none & pushed].tolist():
                     self._own_links.append((k, turning, push[part, :, k].T))
                 solved = modes[~none & pushed]
-                generators = g[:, solved].T.reshape(-1, 2, 2)
-                steady = _steady(generators, w if turning else 0.0, push[part][..., solved])
-                response[part][..., solved] = steady
+                own, low = (p[:, solved].T.reshape(-1, 2, 2) for p in (g, pairs.generator_low))
+                rate, pushes = w if turning else 0.0, push[part][..., solved]
+                response[part][..., solved] = _steady(own, low, rate, pushes, loses[solved])
         return response
 
     def arranged(self, hidden: NDArray[np.bool_], *, turns: bool) -> tuple[Layout, Propagators]:
@@ -266,13 +274,29 @@ class Forced:
         return np.asarray(0.5 * (momentum * v + force * x).sum(axis=-1))
 
 
-def _steady(own: Array, w: float, push: Array) -> Array:
-    """R (c, 2, k) with R Omega = own R + push, Omega the rate of (sine, cosine) or zero."""
+def _steady(own: Array, low: Array, w: float, push: Array, lossy: NDArray[np.bool_]) -> Array:
+    """R (c, 2, k) with R Omega = (own + low) R + push, Omega the rate of (sine, cosine) or zero.
+
+    Those that lose digits by cancellation, near a resonance, are refined once.
+    """
     count = len(push)
     omega = np.array([[0.0, w], [-w, 0.0]])[:count, :count]
     unit = np.eye(count)
     system = np.kron(np.eye(2), omega.T) - np.einsum("kij,ab->kiajb", own, unit).reshape(
         len(own), 2 * count, 2 * count
     )
-    right = push.transpose(2, 1, 0).reshape(len(own), 2 * count, 1)
-    return np.asarray(np.linalg.solve(system, right).reshape(-1, 2, count).transpose(2, 1, 0))
+
+    def solved(right: Array) -> Array:
+        given = right.transpose(2, 1, 0).reshape(len(own), 2 * count, 1)
+        return np.asarray(np.linalg.solve(system, given).reshape(-1, 2, count).transpose(2, 1, 0))
+
+    found = solved(push)
+    if not lossy.any():
+        return found
+    rates, less = (part.transpose(1, 2, 0) for part in (own, low))
+    turning = np.array([w, -w])[:count, None, None]
+    factors = [np.broadcast_to(p, push.shape) for p in (1.0, rates[:, 0], rates[:, 1], turning)]
+    values = np.broadcast_arrays(push, found[:, :1], found[:, 1:], found[::-1])
+    missed = column_sums(two_product(np.stack(factors), np.stack(values))).high
+    missed = missed + less[:, 0] * found[:, :1] + less[:, 1] * found[:, 1:]
+    return np.where(lossy, found + solved(missed), found)

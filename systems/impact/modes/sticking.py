@@ -10,11 +10,13 @@ from numpy.typing import NDArray
 from dynkit.core.validation import Array
 from dynkit.exponential.modes import Pairs
 from dynkit.systems.impact.modes.bases import Basis, row_by_row
+from dynkit.systems.structure.double_double import DoubleDouble, add, negative
+from dynkit.systems.structure.symmetric import product_with
 
 if TYPE_CHECKING:
     from dynkit.systems.impact.modes.structure import Held, Structure
 
-_CONSISTENT = 1e-9
+_CONSISTENT, _REFINEMENTS = 1e-9, 3
 
 
 @final
@@ -48,11 +50,13 @@ class StuckModes(Basis):
         else:
             self._inner = held.structure.free
             self.pairs = Pairs.join(self._inner.pairs, own)
-            inner = held.structure
-            place = _solved(inner.stiffness, -spread.T @ s.stiffness @ spread_sums)
-            pull = -spread.T @ s.damping @ spread_sums - inner.damping @ place
-            pull[:, still] = 0.0
-            drag = _solved(inner.stiffness, pull)
+            inner, onto = held.structure, np.ascontiguousarray(-spread.T)
+            place = _solved(inner, product_with(onto, s.forces("stiffness", spread_sums)))
+            pull = product_with(onto, s.forces("damping", spread_sums))
+            pull = add(pull, negative(inner.forces("damping", place)))
+            for part in pull:
+                part[:, still] = 0.0
+            drag = _solved(inner, pull)
         self._place, self._drag = place, drag
         self._by_place, self._by_rate = spread_sums + spread @ place, spread @ drag
 
@@ -118,11 +122,20 @@ def stuck(structure: Structure, rows: Array, still: NDArray[np.bool_]) -> Struct
     return structure.stuck[key]
 
 
-def _solved(stiffness: Array, forces: Array) -> Array:
-    """Static displacements (m, h) by forces (m, h), which must not act on rigid motions."""
-    found = np.asarray(np.linalg.lstsq(stiffness, forces)[0])
-    off = abs(stiffness @ found - forces).max(initial=0.0)
-    if off > _CONSISTENT * abs(forces).max(initial=0.0):
+def _solved(structure: Structure, forces: DoubleDouble) -> Array:
+    """Static displacements (m, h) by forces (m, h), which must not act on rigid motions.
+
+    Refined, as soft structures multiply the rounding of a solution by their condition number.
+    """
+    stiffness = structure.stiffness
+    even = np.array_equal(stiffness, stiffness.T)
+    back = np.linalg.pinv(stiffness, len(stiffness) * 2.0**-52, hermitian=even)
+    found: Array = back @ forces.high
+    for _ in range(_REFINEMENTS):
+        missed = add(forces, negative(structure.forces("stiffness", found)))
+        found = found + back @ missed.high
+    off = abs(stiffness @ found - forces.high).max(initial=0.0)
+    if off > _CONSISTENT * abs(forces.high).max(initial=0.0):
         raise NotImplementedError(
             "what sticks must not push, by springs or dashpots, what else could move away freely"
         )

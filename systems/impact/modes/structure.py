@@ -6,7 +6,7 @@ import copy
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Any, final
+from typing import Any, Literal, final
 from weakref import WeakKeyDictionary
 
 import numpy as np
@@ -15,9 +15,12 @@ from numpy.typing import NDArray
 from dynkit.core.validation import Array
 from dynkit.systems.impact.elements.element import Element, Regime
 from dynkit.systems.impact.modes.bases import Basis, basis_of, row_by_row
+from dynkit.systems.structure.definiteness import check_semidefinite
+from dynkit.systems.structure.double_double import DoubleDouble, add
 from dynkit.systems.structure.lagrangian import LagrangianStructure
 from dynkit.systems.structure.modes import Derivation
-from dynkit.systems.structure.traction import Traction
+from dynkit.systems.structure.symmetric import product_with
+from dynkit.systems.structure.traction import Traction, product_of
 
 
 @final
@@ -102,12 +105,12 @@ class Structure:
             return self
         key = tuple((row.tobytes(), k, c) for row, k, c in added)
         if key not in self._stiffened:
-            c, k = self.damping.copy(), self.stiffness.copy()
+            c, k = self._given.damping, self._given.stiffness
             for row, spring, dashpot in added:
-                along = np.outer(row, row)
-                c += dashpot * along
-                k += spring * along
-            given = Derivation.from_matrices(self.mass, c, k)
+                c, k = c.with_spring(row, dashpot), k.with_spring(row, spring)
+            check_semidefinite("damping", c.dense)
+            check_semidefinite("stiffness", k.dense)
+            given = Derivation(self._given.mass, c, k, exact=False)
             self._stiffened[key] = Structure(given, self.sliders)
         return self._stiffened[key]
 
@@ -119,6 +122,15 @@ class Structure:
             traction = Traction.of(along, weights, given.damping, given.stiffness)
             self._dragged[key] = Structure(replace(given, traction=traction), self.sliders)
         return self._dragged[key]
+
+    def forces(self, of: Literal["stiffness", "damping"], x: Array) -> DoubleDouble:
+        """Product (N, m) of a matrix with columns (N, m), to double-double accuracy."""
+        given = self._given
+        product: DoubleDouble = getattr(given, of).times(x)
+        if given.traction is not None:
+            by = product_of(getattr(given.traction, of), x)
+            product = add(product, product_with(given.traction.along, by))
+        return product
 
     def contact(self, row: Array) -> Contact:
         """The contact along a row (N,) of coordinates; cached."""

@@ -25,6 +25,7 @@ from dynkit.core.validation import (
 from dynkit.data.dataset import Dataset, described, known_error
 from dynkit.data.result import Result
 from dynkit.systems.impact.modes.bases import row_by_row
+from dynkit.systems.impact.modes.steady_response import DISTURBANCE
 from dynkit.systems.impact.simulation.runs import MOST_CELLS, course_from
 from dynkit.systems.impact.simulation.sampling import (
     events_of,
@@ -44,9 +45,8 @@ if TYPE_CHECKING:
     from dynkit.systems.impact.records.second_moments import SecondMoments
 
 
-# Number of twin runs for the error, size of their disturbances in units of 2^-52, and the factor by
-# which their distance is multiplied.
-_TWINS, _DISTURBANCE, _SAFETY = 3, 8.0, 4.0
+# Number of twin runs for the error, and the factor by which their distance is multiplied.
+_TWINS, _SAFETY = 3, 4.0
 
 # Limit of a twin's search for an event: cells, and cells per cell of the whole run.
 _LEAST_CELLS, _CELLS_OF_TWINS = 10_000, 64
@@ -63,7 +63,7 @@ def twin_errors(
 
     A long computation shows a progress bar on standard error.
     """
-    noise = _DISTURBANCE * 2.0**-52
+    noise = DISTURBANCE * 2.0**-52
     # A twin that rests within rounding of the table may need a long search until it leaves.
     most_cells = min(MOST_CELLS, _LEAST_CELLS + _CELLS_OF_TWINS * whole.cells)
     twins = [

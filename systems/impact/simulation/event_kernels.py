@@ -250,7 +250,7 @@ def jolt(tables: Tables, g: int, left: Array, states: Array) -> None:
 def try_again(tables: Tables, g: int, left: Array, states: Array) -> None:
     """In another mode, that of guard `g`, those that did not come to rest may do so.
 
-    And what slips from a halt does so at another rate, or not at all.
+    And what has just switched goes on at another rate, or not at all.
     """
     for element in range(left.shape[0]):
         if left[element, MOTION] == BOUNCES:
@@ -258,7 +258,12 @@ def try_again(tables: Tables, g: int, left: Array, states: Array) -> None:
     m = tables.ladders.integers[g, GROUP]
     for k in range(tables.first[m], tables.first[m + 1]):
         own = left[tables.element[k]]
-        if tables.event[k] == HALT and own[MOTION] == SWITCHED and own[ORDER] == 1.0:
+        begins = k == tables.first[m] or tables.element[k - 1] != tables.element[k]
+        if not begins or tables.event[k] not in (SWITCH, HALT) or own[MOTION] != SWITCHED:
+            continue
+        if own[ORDER] == 0.0:  # a force is another one
+            own[MOTION] = FLIGHT
+        elif own[ORDER] == 1.0:
             guard = ladder_at(tables.ladders, k)
             own[SPEED] = value_and_rates(guard.rows, guard.offset, states, START)[1]
             if own[SPEED] <= 0.0:

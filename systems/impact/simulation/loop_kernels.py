@@ -430,6 +430,8 @@ def run(
                 perturb_reached(after.generator, slots, y, clock, noise)
             move_on(clock, left, tables.element[best], n, smallest, e, tables.clock_rate)
             clock[LEFT_FROM] = -1.0
+            # Others that switched at the same time do so in another mode.
+            try_again(tables, tables.partner[best], left, y)
             own[MOTION] = SWITCHED if tables.event[best] == SWITCH else FLIGHT
             own[ORDER] = tables.order[best]
             own[SPEED] = 0.0

@@ -116,7 +116,7 @@ def _between(oscillator: DrivenStructure, x: Array, turn: tuple[float, float]) -
     raise Refused("elements must leave room between their stops; there is none at this phase")
 
 
-_HALVINGS, _LEFT = 20, 2.0**-51
+_HALVINGS, _LEFT = 40, 2.0**-51
 """Number of halvings of the room, and relative rounding error of a position."""
 
 
