@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import time
+from contextlib import suppress
 from dataclasses import replace
 
 import numpy as np
@@ -34,6 +35,8 @@ _UNSURE = 1e-5
 # ones have large rounding errors.
 _ON_BORDER = 1e-5
 _PAIRS = (BifurcationKind.NS, BifurcationKind.HB)
+# Parts of a step at which it is divided: near a chatter's border orbits may not be defined.
+_PARTS = (0.5, 0.25, 0.75, 0.125)
 # Largest distance of a multiplier from the critical value at PD, and where a bifurcation is only
 # bisected: near grazing its rounding errors are large.
 _NEAR = 0.01
@@ -122,14 +125,15 @@ def _is_plain(before: Point, after: Point, crossing: Crossing) -> bool:
 def _examined_middle(
     problem: Problem, curve: Continuation, before: Point, after: Point
 ) -> Point | None:
+    """A point about half-way; elsewhere within the step where there is no such orbit half-way."""
     way = (after.y - before.y) / before.scale
-    middle = curve.at(before, 0.5 * float(np.sqrt(way @ way)))
-    if isinstance(middle, Failure):
-        return None
-    try:
-        return replace(middle, seen=examine(problem, middle))
-    except NoSolution:
-        return None
+    length = float(np.sqrt(way @ way))
+    for part in _PARTS:
+        middle = curve.at(before, part * length)
+        if not isinstance(middle, Failure):
+            with suppress(NoSolution):
+                return replace(middle, seen=examine(problem, middle))
+    return None
 
 
 def _on_the_border(problem: Problem, x: Array, p: Array) -> int:
