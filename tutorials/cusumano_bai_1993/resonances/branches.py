@@ -57,13 +57,15 @@ class Beside(NamedTuple):
 def measures(orbit: ImpactOrbit) -> Measures:
     """Return what an orbit that sticks once in its period does, simulated from its release.
 
-    At the end of a branch its chatter may not complete in simulation, and has no contact then.
+    At the end of a branch its chatter may not complete in simulation, and has no contact then. At a
+    release the force is zero but for rounding: the contact may go on there for a moment.
     """
     system = orbit.system
     record = system.simulate(impacts=_MOST, start=system.impact_state(orbit.states[0]))
     begins = ends = orbit.period
-    if len(record.sticking) and record.sticking[0, 0] < orbit.period:
-        begins, ends = record.sticking[0].tolist()
+    contacts = record.sticking[record.sticking[:, 0] >= record.time[0]]
+    if len(contacts) and contacts[0, 0] < orbit.period:
+        begins, ends = contacts[0].tolist()
     before = int(np.searchsorted(record.time, begins))
     energy, first = float(record.energy[:before].max()), float(record.time[0])
     return Measures(energy, first, begins - first, ends - begins)
