@@ -114,7 +114,7 @@ def _system(file: Any, archive: store.Archive) -> Map | Any:
             del made["elements"]
         system = kind(**made)
         store.refuse_other_system(file, archive, system)
-    except (TypeError, ValueError):
+    except (TypeError, ValueError, RecursionError):  # of brackets in brackets
         return None
     return system
 

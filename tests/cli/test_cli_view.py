@@ -112,7 +112,12 @@ def test_another_definition_of_the_same_name_is_not_used(tmp_path: Path) -> None
     swept().save(store)
     whole = loaded(str(store))
     assert whole.attractor(0).label.name == swept().label(0).name
-    others = (("system.stiffness", "other"), ("system.masses", "3"), ("system", "os.path"))
+    others = (
+        ("system.stiffness", "(" * 100_000),
+        ("system.stiffness", "other"),
+        ("system.masses", "3"),
+        ("system", "os.path"),
+    )
     for key, text in others:
         rewritten(store, key, text)
         with pytest.raises(ValueError, match="system must be given"):

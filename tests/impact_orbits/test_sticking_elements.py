@@ -9,7 +9,7 @@ import pytest
 
 from dynkit import continue_orbit
 from dynkit.core.validation import Array
-from dynkit.systems import HardStop, ImpactChain, SoftStop
+from dynkit.systems import DryFriction, HardStop, ImpactChain, SoftStop
 from dynkit.systems.impact.orbits.orbit import ImpactOrbit
 from dynkit.testing import check_problem
 from tests.impact_orbits.sticking_cases import differences
@@ -40,7 +40,15 @@ MACHINES = {
         frequency=0.3,
         elements=[table(2, 0.3), HardStop((0, 1), offset=-0.05, restitution=0.5)],
     ),
+    "beside friction": ImpactChain(
+        masses=3,
+        damping=0.05,
+        frequency=0.3,
+        elements=[table(2, 0.3), DryFriction(0, force=0.02)],
+    ),
 }
+SMOOTH = [name for name in MACHINES if "friction" not in name]
+"""Those in which small changes at a release break no stick."""
 
 
 @cache
@@ -73,7 +81,7 @@ def test_simulation_from_the_release_comes_back_to_it(name: str) -> None:
     assert abs(phase - state[-1] - 2.0 * np.pi) < 1e-7  # a release is a root of second order
 
 
-@pytest.mark.parametrize("name", MACHINES)
+@pytest.mark.parametrize("name", SMOOTH)
 def test_multipliers_are_those_of_differences_of_simulations(name: str) -> None:
     """Of the map from places in contact at one phase to those of a period later."""
     orbit, system = orbit_of(name), MACHINES[name]
@@ -102,6 +110,16 @@ def test_multipliers_are_those_of_differences_of_simulations(name: str) -> None:
 def test_the_contract_of_problems_holds(name: str) -> None:
     orbit = orbit_of(name)
     check_problem(orbit.problem("frequency"), orbit.unknowns, np.array([orbit.system.frequency]))
+
+
+def test_friction_sticks_and_slips_between_the_contacts() -> None:
+    orbit = orbit_of("beside friction")
+    label = MACHINES["beside friction"].attractor().label
+    assert dict(orbit.counts) == dict(label.counts)
+    assert orbit.counts["elements[1].sticks"] == 3
+    assert not orbit.multipliers[-2:].any()
+    branch = continue_orbit(orbit, "elements[1].force", bounds=(0.0195, 0.0205))
+    assert branch.admissible.all()
 
 
 def test_a_branch_is_followed_in_numbers_of_an_element() -> None:

@@ -278,8 +278,8 @@ class TouchingGuard(Touching):
                 if acceleration(solution, solution.impulse_of[self.part]) < 0.0
                 else curve.smallest[0]
             )
-        event, after = solution.itinerary[self.part], solution.following[self.part]
-        if event.element == self.side and event.releases(after):
+        event = solution.itinerary[self.part]
+        if event.element == self.side and self.part in solution.course.releases:
             return curve.seen  # it begins with three zeros, and opens
         begin, rate, bend = curve.nodes[1][:, 0].tolist()
         slow = abs(rate) * curve.lasts <= _ZERO * curve.rounding

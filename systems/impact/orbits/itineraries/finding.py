@@ -21,7 +21,6 @@ from dynkit.systems.impact.orbits.itineraries.itinerary import (
     of_cycle,
     of_period,
     regimes_of,
-    releases_in,
 )
 from dynkit.systems.impact.orbits.itineraries.simulated import simulated
 from dynkit.systems.impact.orbits.machine import Machine
@@ -37,6 +36,7 @@ _FAMILY = (
     "no isolated periodic orbit found from the guess: it is one of a family, as where friction "
     "never slips, or nothing damps the motion"
 )
+_HELD = "the motion is not released by a stop at the same phase again"
 _SINGULAR = 1e-13
 """Ratio of singular values of the equations' derivative: where it is less, it is rounding."""
 _SAMPLES, _TRANSIENT = 64, 700
@@ -90,11 +90,11 @@ def orbit_near(system: ImpactMap, state: ImpactState, periods: int) -> ImpactOrb
 
 def _of_contact(seen: Seen, length: float, turn: float) -> Seen:
     """The events between releases a length apart, as late as they were seen."""
-    for first in reversed(releases_in(seen)):
+    for first in reversed(seen.releases):
         found = from_release(seen, first, float(seen.times[first]) + length, 0.25 * turn)
         if found is not None:
             return found
-    raise NoConvergence("the motion is not released by a stop at the same phase again")
+    raise NoConvergence(_HELD)
 
 
 def _quiet(system: ImpactMap, state: ImpactState) -> Seen:
@@ -119,6 +119,8 @@ def guess_of(
         phases[0] = length
     course = Course(seen.events, (0,))
     nodes = course.releases if course.sticks else (0,)
+    if nodes[:1] != (0,):
+        raise NoConvergence(_HELD)
     problem = ItineraryEquations(system, (), periods, seen.events, sizes, driven, nodes)
     states = [] if problem.responds else [seen.states[node] for node in nodes]
     return problem, np.concatenate([phases, _impulses(system, seen, phases), *states])

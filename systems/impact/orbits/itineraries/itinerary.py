@@ -53,10 +53,6 @@ class Happening(NamedTuple):
     kicked: Regimes | None = None
     chatters: bool = False
 
-    def releases(self, after: Happening) -> bool:
-        """Whether it ends contact with a stop."""
-        return self.kicked is None and self.element in set(self.mode.held) - set(after.mode.held)
-
 
 Itinerary = tuple[Happening, ...]
 """Events in their order; each mode follows the event before."""
@@ -98,10 +94,8 @@ class Course:
 
     @property
     def releases(self) -> tuple[int, ...]:
-        """Numbers of the events that end contact with a stop that began with an impact."""
-        pairs = enumerate(zip(self.itinerary, self.following, strict=True))
-        hit = {e.element for e in self.itinerary if e.kicked}
-        return tuple(i for i, (e, after) in pairs if e.releases(after) and e.element in hit)
+        """Numbers of the events that end contact with a stop."""
+        return tuple(releases_in(self.itinerary, self.following))
 
     def node_before(self, i: int) -> int:
         """Number of the last node up to event `i`."""
@@ -119,6 +113,11 @@ class Seen(NamedTuple):
     times: Array
     events: Itinerary
     states: Array
+
+    @property
+    def releases(self) -> list[int]:
+        """Numbers of those that end contact with a stop."""
+        return releases_in(self.events, self.events[1:])
 
     def part(self, low: int, high: int) -> Seen:
         """Some of them."""
@@ -302,23 +301,23 @@ def of_period(seen: Seen, end: float, length: float) -> Seen:
     return seen.part(low, high)
 
 
+def releases_in(events: Sequence[Happening], following: Sequence[Happening]) -> list[int]:
+    """Numbers of the events that end contact with a stop that is hit, by the events after them."""
+    hit = {event.element for event in events if event.kicked}
+    return [
+        i
+        for i, (event, after) in enumerate(zip(events, following, strict=False))
+        if event.kicked is None
+        and event.element in hit.intersection(event.mode.held)
+        and event.element not in after.mode.held
+    ]
+
+
 def from_release(seen: Seen, first: int, end: float, within: float) -> Seen | None:
     """The events from number `first`, a release, to the one before a release near a time."""
-    events = seen.events
-    found = [
-        k
-        for k in range(first + 1, len(events) - 1)
-        if events[k].releases(events[k + 1]) and abs(seen.times[k] - end) < within
-    ]
-    if not found:
-        return None
-    return seen.part(first, min(found, key=lambda k: abs(seen.times[k] - end)))
-
-
-def releases_in(seen: Seen) -> list[int]:
-    """Numbers of the events that end contact with a stop."""
-    pairs = zip(seen.events[:-1], seen.events[1:], strict=True)
-    return [k for k, (event, after) in enumerate(pairs) if event.releases(after)]
+    late = {k: abs(seen.times[k] - end) for k in seen.releases if k > first}
+    last = min(late, key=late.__getitem__, default=first)
+    return seen.part(first, last) if late and late[last] < within else None
 
 
 def of_cycle(seen: Seen) -> tuple[Seen, float]:
@@ -336,7 +335,7 @@ def of_cycle(seen: Seen) -> tuple[Seen, float]:
             changes = abs(seen.states[-k:] - seen.states[-2 * k : -k])
             if (changes <= _SAME * size).all():
                 length, low = seen.times[-1] - seen.times[-1 - k], count - k - 1
-                low = max((j for j in releases_in(seen) if j <= low), default=low)
+                low = max((j for j in seen.releases if j <= low), default=low)
                 return seen.part(low, low + k), float(length)
     raise NoConvergence(f"the motion does not come again within {count} events")
 

@@ -16,7 +16,7 @@ from dynkit.systems.impact.orbits.flights import Curve
 from dynkit.systems.impact.orbits.itineraries import divided
 from dynkit.systems.impact.orbits.itineraries.chatter import Chatter
 from dynkit.systems.impact.orbits.itineraries.itinerary import Course
-from dynkit.systems.impact.orbits.itineraries.motion import ItinerarySolution, Lap
+from dynkit.systems.impact.orbits.itineraries.motion import ROUNDING, ItinerarySolution, Lap
 from dynkit.systems.impact.orbits.itineraries.simulated import is_motion
 from dynkit.systems.impact.orbits.machine import STEP, Machine, Numbers, moved, run_through
 from dynkit.systems.impact.simulation.sampling import sample_run
@@ -253,41 +253,34 @@ class ShootingSolution(ItinerarySolution):
         kind: Any = np.result_type(multiplier, 1.0)
         size = n + k + d * (last + 1)
         out = np.zeros((size, size), dtype=kind)
-        # changes of the state before and after an event, at one time, by all unknowns
-        change, changes, node = np.zeros((d, size), dtype=kind), [], -1
+        # changes by all unknowns: of the state before and just after each event
+        change, changes, node = np.zeros((d + 3, size), dtype=kind), [], -1
         for i, event in enumerate(self.itinerary):
             if i in self._node_of:
                 node = self._node_of[i]
-                change = np.zeros_like(change)
-                change[:, self._own(node)] = np.eye(d)
-            turned = np.array([self._turning[i, 1], -self._turning[i, 0]])
-            row, reset, free = self.guards[i], self.resets[i, :d], self._phase_is_free(i)
+                change[:] = 0.0
+                change[:d, self._own(node)] = np.eye(d)
+            change[d:], free = 0.0, self._phase_is_free(i)
+            if free:
+                change[d : d + 2, i] = self._turning[i, 1], -self._turning[i, 0]
             if event.element < 0:
                 out[i, i] = 1.0
             elif self.pairs[i] is None:
-                out[i] += row[:d] @ change
-                out[i, i] += free * (row[d : d + 2] @ turned)
-            after = reset[:, :d] @ change
+                out[i] += self.guards[i] @ change
+            after = self.resets[i] @ change
             if i in self.impulse_of:
                 j = self.impulse_of[i]
-                out[n + j] += self.rates[j, :d] @ change
-                out[n + j, i] += free * (self.rates[j, d : d + 2] @ turned)
+                out[n + j] += self.rates[j] @ change
                 out[n + j, n + j] += 1.0 / (1.0 + self.restitutions[j])
-                after[:, n + j] += reset @ self.kicks[i]
-            if free:
-                after[:, i] += reset[:, d : d + 2] @ turned
-                if not event.chatters:
-                    after[:, i] -= (self.flows[i] @ self.after[i])[:d] / self.clock
+                after[:, n + j] += self.resets[i] @ self.kicks[i]
             changes.append(after)
-            change = self.transitions[i, :d, :d] @ after
-            moving = (self.flows[i] @ self.reached[i])[:d]
-            if free and event.chatters:
-                change[:, i] += self.transitions[i, :d, d : d + 2] @ turned - moving / self.clock
-            for column, part in self._ends(i, multiplier):
+            change = self.transitions[i] @ after
+            moving = self.flows[i] @ self.reached[i]
+            for column, part in self._lasts(i, multiplier):
                 change[:, column] += part * moving
             if i == n - 1 or i + 1 in self._node_of:
                 there = 0 if node == last else node + 1
-                out[self._own(node)] = change
+                out[self._own(node)] = change[:d]
                 out[self._own(node), self._own(there)] -= np.eye(d) * (1.0 if there else multiplier)
         for i, pair in enumerate(self.pairs):
             if pair is not None:
@@ -302,9 +295,11 @@ class ShootingSolution(ItinerarySolution):
     def _phase_is_free(self, i: int) -> bool:
         return self.driven or i > 0
 
-    def _ends(self, i: int, mu: Any) -> Iterator[tuple[int, Any]]:
-        """Derivatives of the time from event `i`, at its phase, to the next one, by columns."""
+    def _lasts(self, i: int, mu: Any) -> Iterator[tuple[int, Any]]:
+        """Derivatives of the time from event `i` to the next one, by columns."""
         after = (i + 1) % self.events
+        if self._phase_is_free(i):
+            yield i, -1.0 / self.clock
         if self._phase_is_free(after):
             yield after, (mu if after == 0 else 1.0) / self.clock
         if not self.driven:
@@ -316,11 +311,8 @@ class ShootingSolution(ItinerarySolution):
         for j, by_state, by_time in divided.derivatives(self, i, pair):
             # what began before the period began: all in terms of the period before
             factor = mu if begun and j <= i else 1.0
-            out[i] += factor * (by_state[: self.dimension] @ changes[j])
-            if self._phase_is_free(j):
-                rate = by_state @ (self.flows[j] @ self.after[j])
-                out[i, j] += factor * (rate - by_time) / self.clock
-            for column, part in self._ends(j, mu):
+            out[i] += factor * (by_state @ changes[j])
+            for column, part in self._lasts(j, mu):
                 out[i, column] += factor * by_time * part
 
     @cached_property
@@ -343,7 +335,8 @@ class ShootingSolution(ItinerarySolution):
     def rounding(self) -> Array:
         """What rounding may make of them, (m,), to first order."""
         n, k, d = self.events, len(self.hits), self.dimension
-        turned = 8.0 + abs(self.event_phases)
+        # rows and sines are rounded, and the phases that these are of
+        turned = ROUNDING / _ROUNDING + abs(self.event_phases)
         own = np.empty(n + k + self.lap.states.size)
         own[:n] = turned * (abs(self.guards) * abs(self.before)).sum(axis=1)
         rates = (abs(self.rates) * abs(self.before[self.hits])).sum(axis=1)

@@ -13,7 +13,6 @@ from dynkit.systems.impact.orbits.itineraries.itinerary import (
     check_elements,
     events_seen,
     from_release,
-    releases_in,
 )
 from dynkit.systems.impact.orbits.machine import Machine
 from dynkit.systems.impact.simulation.state import TWO_PI, ImpactState, Motion, state_at
@@ -74,7 +73,7 @@ def released(system: ImpactMap, state: ImpactState, periods: int, most: int) -> 
     while True:
         run = system._run(state, count, store=True)
         seen = events_seen(system, run)
-        found = releases_in(seen)[:most]
+        found = seen.releases[:most]
         wanted = seen.times[found[-1]] + length + 0.25 * turn if len(found) == most else np.inf
         if run.duration > wanted or run.impacts < count or count >= _MOST:
             break
