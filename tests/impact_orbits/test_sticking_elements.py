@@ -115,6 +115,7 @@ def test_the_contract_of_problems_holds(name: str) -> None:
 def test_friction_sticks_and_slips_between_the_contacts() -> None:
     orbit = orbit_of("beside friction")
     label = MACHINES["beside friction"].attractor().label
+    assert label.counts is not None
     assert dict(orbit.counts) == dict(label.counts)
     assert orbit.counts["elements[1].sticks"] == 3
     assert not orbit.multipliers[-2:].any()

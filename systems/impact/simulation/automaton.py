@@ -85,12 +85,10 @@ class Grip(NamedTuple):
     Attributes
     ----------
     mode : Mode
-    force : contact force, as an exponential sum
     to_stuck, to_free : changes of basis from free flight, without the relative velocity, and back
     """
 
     mode: Mode
-    force: Any
     to_stuck: Array
     to_free: Array
 
@@ -166,9 +164,8 @@ class Automaton:
         if element not in self._grips:
             regimes = self.parts.settled([int(k == element) for k in range(len(self._elements))])
             mode, free = self.mode(regimes), self.modes[0]
-            force, stop = self.gap(regimes, element), self._elements[element]
-            there, back = mode.seen_from(free, stop), free.seen_from(mode)
-            self._grips[element] = Grip(mode, force, there, back)
+            there = mode.seen_from(free, self._elements[element])
+            self._grips[element] = Grip(mode, there, free.seen_from(mode))
         return self._grips[element]
 
     def freed(self, number: int, state: Array) -> tuple[Array, list[int]]:

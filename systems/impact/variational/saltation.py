@@ -34,14 +34,6 @@ def reset(slope: float, kick: Array, by_rate: Array) -> Array:
     return -(1.0 + slope) * np.outer(kick, by_rate)
 
 
-def by_time(restitution: float, kick: Array, pushed: Array, rate: float, bend: float) -> Array:
-    """Change of the state (d,) at one time per change of the time of a given impact.
-
-    It follows from the kick and from `pushed`, the rate of change of the kick.
-    """
-    return (1.0 + restitution) * (rate * pushed - bend * kick)
-
-
 def saltation(slope: float | Array, rates: Array, bends: Array) -> Array:
     """Numbers p and q, (n, 2), of saltation matrices 1 + b (p c + q c') - (1 + r) A b c of impacts.
 

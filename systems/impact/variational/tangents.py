@@ -20,7 +20,7 @@ from dynkit.core.stretching import Stretching
 from dynkit.core.validation import Array, non_negative_integer
 from dynkit.systems.impact.elements.element import EventKind
 from dynkit.systems.impact.elements.laws import ImpactLaw, rebound
-from dynkit.systems.impact.modes.impulse_responses import FreeMotion, free_motion
+from dynkit.systems.impact.modes.free_motion import FreeMotion, free_motion
 from dynkit.systems.impact.simulation.runs import trajectory_of
 from dynkit.systems.impact.simulation.state import ImpactState, on_section, section_of
 from dynkit.systems.impact.simulation.trajectory import Trajectory, grouped, in_steps
@@ -192,22 +192,6 @@ def _flights(
     else:
         blocks[...] = flown.own[..., slots]
     return blocks.reshape(len(durations), 4, -1), which, np.ascontiguousarray(dense)
-
-
-def chatter_carried(oscillator: DrivenStructure, run: Trajectory, disturbances: Array) -> Array:
-    """Disturbances (2N, k) of the start of a run without contact, carried to its end."""
-    from dynkit.systems.impact.variational.tangent_kernels import carry
-
-    if not run.impacts:
-        return disturbances
-    motion, d = free_motion(oscillator._contact), len(disturbances)
-    flights = np.diff(run.time, prepend=0.0)
-    jumps, _ = _jumps(oscillator, run)
-    frame = np.ascontiguousarray(disturbances.T)
-    none = np.full(len(flights), -1)
-    flown = _flights(motion, flights, none, np.empty((0, d, d)))
-    carry(*flown, motion.vectors, jumps, frame, np.empty(d))
-    return np.ascontiguousarray(frame.T)
 
 
 def _jumps(oscillator: DrivenStructure, run: Trajectory) -> tuple[Array, Any]:

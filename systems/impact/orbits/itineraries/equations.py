@@ -11,7 +11,7 @@ import numpy as np
 from dynkit.core.validation import Array
 from dynkit.orbits.newton import NoSolution, orbit_bound
 from dynkit.systems.impact.elements.stops import HardStop
-from dynkit.systems.impact.modes.impulse_responses import free_motion
+from dynkit.systems.impact.modes.free_motion import free_motion
 from dynkit.systems.impact.orbits.borders import Border
 from dynkit.systems.impact.orbits.itineraries import divided, responses, shooting
 from dynkit.systems.impact.orbits.itineraries.borders import Begun, beginnings, borders_of, named

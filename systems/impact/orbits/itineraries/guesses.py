@@ -10,7 +10,7 @@ import numpy as np
 
 from dynkit.core.validation import Array, within_memory
 from dynkit.orbits.newton import NoSolution
-from dynkit.systems.impact.modes.impulse_responses import free_motion
+from dynkit.systems.impact.modes.free_motion import free_motion
 from dynkit.systems.impact.orbits.itineraries.equations import ItineraryEquations
 from dynkit.systems.impact.orbits.itineraries.itinerary import Happening, regimes_of
 from dynkit.systems.impact.orbits.itineraries.terms import drives_of

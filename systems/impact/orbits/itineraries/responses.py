@@ -11,7 +11,7 @@ import numpy as np
 from scipy.linalg import expm
 
 from dynkit.core.validation import Array
-from dynkit.systems.impact.modes.impulse_responses import FreeMotion, free_motion
+from dynkit.systems.impact.modes.free_motion import FreeMotion, free_motion
 from dynkit.systems.impact.modes.mode import Transitions
 from dynkit.systems.impact.modes.structure import Contact
 from dynkit.systems.impact.orbits.flights import Curve
