@@ -21,7 +21,14 @@ from dynkit.continuation.points import Point, cost_of
 from dynkit.continuation.step_acceptance import Acceptance
 from dynkit.continuation.termination import Bound
 from dynkit.continuation.test_functions import examine
-from dynkit.continuation.tracing import Trace, both_ways, is_of_symmetry, joined, trace
+from dynkit.continuation.tracing import (
+    Trace,
+    both_ways,
+    is_of_border,
+    is_of_symmetry,
+    joined,
+    trace,
+)
 from dynkit.core.cost import Cost
 from dynkit.core.validation import Array, boolean, in_interval
 from dynkit.orbits.equations import Problem
@@ -165,6 +172,8 @@ def _branch(
     places += [(first + place, found, way) for place, found, way in forward.located]
     centres = backward.centres + forward.centres
     scale = points[first].scale
+    borders = [entry[:2] for entry in places if entry[1].crossing.ends]
+    places = [entry for entry in places if not is_of_border(*entry[:2], borders)]
     places = [entry for entry in places if not is_of_symmetry(entry[1], centres, scale)]
     admissible = np.array([point.seen.admissible for point in points])
     return Branch(

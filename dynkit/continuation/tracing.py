@@ -114,6 +114,15 @@ def joined(forward: Trace, backward: Trace) -> tuple[list[Point], tuple[Ending, 
     return points, (backward.ending, forward.ending)
 
 
+def is_of_border(place: float, located: Located, borders: list[tuple[float, Located]]) -> bool:
+    """Whether a bifurcation is the effect of a border at the same value, within two steps.
+
+    Where a branch begins at its border, they may be in steps of different directions.
+    """
+    near = [border for other, border in borders if abs(place - other) < 2.0]
+    return not located.crossing.ends and any(_at(border, located) for border in near)
+
+
 def is_of_symmetry(located: Located, centres: list[tuple[Array, float]], scale: Array) -> bool:
     """Whether a fold is the centre of a symmetric branch."""
     place = np.append(located.x, located.p)
