@@ -20,6 +20,7 @@ from dynkit.systems import (
     ViscoelasticSpheres,
 )
 from dynkit.systems.impact.elements.element import Element, Regime, Watch
+from dynkit.systems.impact.simulation.trajectory import Ending
 from tests.reference.soft_stops import DIGITS, SoftStopReference
 
 
@@ -385,6 +386,26 @@ def test_the_tail_of_a_chatter_is_right_to_its_error(
         found, error = ends(tolerance)
         assert error <= tolerance
         assert abs(found - exact).max() <= error + 1e-14
+
+
+def test_rounding_does_not_turn_friction_back_and_forth_as_contact_begins() -> None:
+    """Of what slips by 1e-18 rounding leaves no sign; some of these pulls show it anywhere."""
+    for pull in np.linspace(0.05, 0.4, 60).tolist():
+        machine = MatrixOscillator(
+            M=np.diag([1.0, 1.3]),
+            C=[[0.05, 0.0], [0.0, 0.02]],
+            K=[[1.0, -0.3], [-0.3, 1.0]],
+            frequency=1.0,
+            constant_forces=[pull, -1.0],
+            chatter_tolerance=1e-50,
+            elements=[
+                HardStop(1, restitution=0.3, name="table"),
+                DryFriction(0, coefficient=0.5, normal="table"),
+            ],
+        )
+        record = machine.simulate(impacts=4000, start=machine.state([0.0, 0.3], [0.0, 0.0]))
+        assert record.ending is Ending.CONTACT_FOR_EVER
+        assert len(record.events.time) < len(record) + 10
 
 
 @pytest.mark.parametrize("restitution", [0.0, 0.6])

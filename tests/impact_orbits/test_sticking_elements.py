@@ -7,12 +7,13 @@ from functools import cache
 import numpy as np
 import pytest
 
-from dynkit import continue_orbit
+from dynkit import NoConvergence, continue_orbit
 from dynkit.core.validation import Array
 from dynkit.systems import DryFriction, HardStop, ImpactChain, SoftStop
 from dynkit.systems.impact.orbits.orbit import ImpactOrbit
 from dynkit.testing import check_problem
 from tests.impact_orbits.sticking_cases import differences
+from tests.reference.random_machines import random_machine
 
 NONE = np.empty(0)
 
@@ -133,3 +134,12 @@ def test_a_branch_is_followed_in_numbers_of_an_element() -> None:
     changed = MACHINES["beside a soft stop"].replace(**{"elements[1].stiffness": 4.0})
     other = changed.attractor().periodic_orbit()
     assert abs(other.states - end.states).max() < 1e-10
+
+
+def test_a_chatter_that_another_stop_sets_off_is_refused_by_name() -> None:
+    """Two stops chatter by turns: an impact of one opens the other, which closes at once."""
+    system, start = random_machine(227)
+    attractor = system.attractor(start=start, transient=400, impacts=40)
+    assert "P(inf,1)" in str(attractor.label)
+    with pytest.raises(NoConvergence, match="a chatter begins with another stop's impact"):
+        attractor.periodic_orbit()

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any, final
 import numpy as np
 
 from dynkit.core.cost import Cost
-from dynkit.core.no_motion import NoCrossing
+from dynkit.core.no_motion import NoCrossing, NoDerivative, TangentCrossing
 from dynkit.core.reprs import Facts
 from dynkit.core.validation import Array, finite_array
 from dynkit.dynamics.attractor import Attractor
@@ -309,6 +309,8 @@ class _ImpactOrbit:
             return self.system.stretching(self.record.states[-1], steps).logs[:, 0]
         except NoCrossing:
             return np.full(steps, -np.inf)
+        except (NoDerivative, TangentCrossing):
+            return np.full(steps, np.nan)
 
     def named(self, label: OrbitLabel) -> OrbitLabel:
         """Return the label with its multiplier, and functions for period, counts and harmonics."""

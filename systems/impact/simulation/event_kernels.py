@@ -80,6 +80,26 @@ def jumped(tables: Tables, g: int, left: Array, states: Array, band_factor: floa
 
 
 @kernel()
+def returns(
+    tables: Tables,
+    g: int,
+    changed: int,
+    before: int,
+    left: Array,
+    states: Array,
+    band_factor: float,
+) -> bool:
+    """Whether the element that guard `changed` has switched would at once go back by its own guard.
+
+    Only rounding does that: what is below zero in one mode is not above it in the other.
+    """
+    k = jumped(tables, g, left, states, band_factor)
+    return bool(
+        k >= 0 and tables.element[k] == tables.element[changed] and tables.target[k] == before
+    )
+
+
+@kernel()
 def bounced(tables: Tables, m: int, left: Array) -> int:
     """The first guard of an element that has just bounced in this mode; -1 if none."""
     for k in range(tables.first[m], tables.first[m + 1]):

@@ -88,6 +88,7 @@ from dynkit.systems.impact.simulation.event_kernels import (
     know_gaps,
     lets_go,
     push,
+    returns,
     together,
     try_again,
     undecided,
@@ -228,6 +229,9 @@ def run(
                     own[MOTION] = SWITCHED
                     own[ORDER] = 2.0
                     own[SPEED] = 0.0
+                elif returns(tables, there, changed, m, left, y, band_factor):
+                    own[MOTION] = SWITCHED
+                    own[ORDER] = 0.0
                 continue
             k = bounced(tables, m, left)
             if k >= 0:

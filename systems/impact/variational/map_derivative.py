@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from dynkit.core.no_motion import NoCrossing, NoDerivative
+from dynkit.core.no_motion import NoCrossing, NoDerivative, TangentCrossing
 from dynkit.core.validation import Array
 from dynkit.systems.impact.elements.element import HALT, IMPACT
 from dynkit.systems.impact.elements.friction import FORWARD, STICKS
@@ -51,16 +51,17 @@ def impact_derivative(oscillator: DrivenStructure, state: ImpactState) -> Array:
         guard, ends, last = automaton.guards[number], times[k], k == len(run.switches.guard)
         mode = automaton.modes[guard.mode]
         if ends > began:  # else what happened just now brought it about
-            low = hit and began == 0.0 and _flies_low(state, guard, ends)
-            y, derivative, risen, moved = _flight(mode, y, derivative, ends - began, low=low)
-            reached, rate, began = guard, mode.rate(y).ravel(), ends
+            reached = guard
             if hit and guard.watch.force and ends == times[-1]:  # by the impact that follows
                 reached = automaton.guards[automaton.guard(guard.mode, side)]
+            low = hit and began == 0.0 and _flies_low(state, reached, ends)
+            y, derivative, risen, moved = _flight(mode, y, derivative, ends - began, low=low)
+            rate, began = mode.rate(y).ravel(), ends
             row = _row(reached.sum, 0)
             own = _row(reached.sum, 2) @ risen
             speed = state.speed + float(own) if low else float(row @ rate)
             # a period ends when it does
-            later = -(row @ moved) / speed if hit or not last else -time
+            later = _later(row @ moved, speed) if hit or not last else -time
             # Time also moves the phase: it is part of the rate, through sine and cosine.
             derivative += np.outer(rate, later)
             time += later
@@ -315,6 +316,13 @@ def _flow(mode: Mode, y: Array, duration: float) -> tuple[Array, Array]:
     slots, lasts = np.arange(y.shape[1]), np.array([duration])
     end = mode.flown(y, lasts)[0]
     return end, mode.transitions(lasts, slots).matrices(slots)[0]
+
+
+def _later(risen: Array, speed: float) -> Array:
+    """Derivatives (d,) of the time of an event whose guard falls at a speed."""
+    if not speed:
+        raise TangentCrossing("an event of the motion grazes, to rounding")
+    return -risen / speed
 
 
 def _flies_low(state: ImpactState, guard: Any, duration: float) -> bool:

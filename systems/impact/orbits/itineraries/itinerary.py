@@ -256,6 +256,8 @@ def _name(
     There the gap is concave, the more the less the acceleration changes, and flights shrink.
     """
     times, events, states = seen
+    if not events or events[-1].element != k:
+        raise NoConvergence("no periodic orbit found: a chatter begins with another stop's impact")
     last, n = events[-1], len(events)
     begin = n - 1
     while begin and events[begin - 1] == last:
