@@ -24,7 +24,7 @@ from dynkit.continuation.test_functions import examine
 from dynkit.continuation.tracing import (
     Trace,
     both_ways,
-    is_of_border,
+    is_of_event,
     is_of_symmetry,
     joined,
     trace,
@@ -172,8 +172,8 @@ def _branch(
     places += [(first + place, found, way) for place, found, way in forward.located]
     centres = backward.centres + forward.centres
     scale = points[first].scale
-    borders = [entry[:2] for entry in places if entry[1].crossing.ends]
-    places = [entry for entry in places if not is_of_border(*entry[:2], borders)]
+    events = [entry[:2] for entry in places if entry[1].crossing.event >= 0]
+    places = [entry for entry in places if not is_of_event(*entry[:2], events)]
     places = [entry for entry in places if not is_of_symmetry(entry[1], centres, scale)]
     admissible = np.array([point.seen.admissible for point in points])
     return Branch(

@@ -21,6 +21,7 @@ from dynkit.orbits.kinds import BifurcationKind
 # Distance from the centre of a symmetric branch, relative to the step over it and at most, in
 # scaled unknowns: there both sides are compared, and closer folds do not count.
 _OF_STEP, _ASIDE = 0.25, 1e-3
+_OF_MULTIPLIERS = (BifurcationKind.SN, BifurcationKind.PD, BifurcationKind.NS)
 
 
 @final
@@ -114,13 +115,14 @@ def joined(forward: Trace, backward: Trace) -> tuple[list[Point], tuple[Ending, 
     return points, (backward.ending, forward.ending)
 
 
-def is_of_border(place: float, located: Located, borders: list[tuple[float, Located]]) -> bool:
-    """Whether a bifurcation is the effect of a border at the same value, within two steps.
+def is_of_event(place: float, located: Located, events: list[tuple[float, Located]]) -> bool:
+    """Whether a bifurcation is the effect of a GR or CB at the same value, within two steps.
 
-    Where a branch begins at its border, they may be in steps of different directions.
+    Where an orbit grazes two events may merge, or an impact vanish: the equations are singular, and
+    the parameter may turn, without a critical multiplier.
     """
-    near = [border for other, border in borders if abs(place - other) < 2.0]
-    return not located.crossing.ends and any(_at(border, located) for border in near)
+    near = [event for other, event in events if abs(place - other) < 2.0]
+    return located.crossing.kind in _OF_MULTIPLIERS and any(_at(event, located) for event in near)
 
 
 def is_of_symmetry(located: Located, centres: list[tuple[Array, float]], scale: Array) -> bool:

@@ -9,6 +9,7 @@ import pytest
 
 from dynkit import Branch, continue_curve, continue_orbit
 from dynkit.systems import ImpactChain, MatrixOscillator, SoftStop
+from tests.reference.random_machines import random_machine
 from tests.validation.curves import _oscillators as oscillators
 
 
@@ -74,3 +75,15 @@ def test_no_period_doubles_where_a_soft_stop_is_only_just_reached() -> None:
     (reaching,) = below.bifurcations[0].switch()
     branch = continue_orbit(reaching, "frequency", bounds=(0.3, 1.5), largest_step=0.2)
     assert [found.kind for found in branch.bifurcations] == ["GR", "SN", "SN", "GR"]
+
+
+def test_no_fold_where_friction_only_just_sticks() -> None:
+    """Two events merge there: the parameter turns along the equations, no multiplier is one."""
+    system, start = random_machine(403)
+    orbit = system.attractor(start=start, transient=300, impacts=40).periodic_orbit()
+    frequency = system.frequency
+    branch = continue_orbit(orbit, "frequency", bounds=(0.95 * frequency, 1.25 * frequency))
+    values = [found.value for found in branch.bifurcations if found.kind == "GR"]
+    folds = [found.value for found in branch.bifurcations if found.kind == "SN"]
+    assert len(values) > 3
+    assert all(min(abs(fold - value) for value in values) > 1e-6 for fold in folds)

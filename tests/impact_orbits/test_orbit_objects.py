@@ -183,7 +183,7 @@ def test_impulses_times_and_bounces_agree_with_the_velocities(name: str) -> None
 @FEW
 @pytest.mark.parametrize("name", ["colour", "x", "energy", ""])
 def test_an_unknown_observable_is_refused(orbit_of: Callable[[], Any], name: str) -> None:
-    message = rf"^name must be relative_velocity, phase or time; got '{name}'$"
+    message = rf"^name must be one of: relative_velocity, phase, time; got '{name}'$"
     with pytest.raises(ValueError, match=message):
         orbit_of().observable(name)
 

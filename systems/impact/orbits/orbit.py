@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from functools import cached_property
 from typing import TYPE_CHECKING, Any, Protocol, final
 
 import numpy as np
 
 from dynkit.core.reprs import Facts, system_repr
-from dynkit.core.validation import Array, finite_array
+from dynkit.core.validation import Array, finite_array, one_of
 from dynkit.orbits.equations import KeptSolution
 from dynkit.orbits.problem import PeriodicOrbit
 from dynkit.systems.impact.orbits.solution import Solution
@@ -231,19 +231,25 @@ class ImpactOrbit(KeptSolution, PeriodicOrbit):
         """Largest change of a position or velocity by the omission of bounces."""
         return self._solution.chatter_error
 
+    @property
+    def observables(self) -> Sequence[str]:
+        """Names of what `observable` returns; diagrams draw the first by default."""
+        return tuple(self._observables)
+
     def observable(self, name: str) -> Array:
         """Return ``relative_velocity``, ``phase`` or ``time`` at the impacts, (n,).
 
-        Without a hard stop the coordinates ``state[0]`` and so on at the states, too.
+        Without a hard stop the coordinates ``state[0]`` and so on at the states.
         """
-        coordinates = self.system.coordinates(self.states) if self.system._strobed else {}
-        if name in coordinates:
-            return coordinates[name]
-        if name == "phase":
-            return np.asarray(self._solution.impact_phases % TWO_PI)
-        if name in ("relative_velocity", "time"):
-            return np.asarray(getattr(self, name))
-        raise ValueError(f"name must be relative_velocity, phase or time; got {name!r}")
+        return self._observables[one_of("name", name, self._observables)]
+
+    @property
+    def _observables(self) -> Mapping[str, Array]:
+        if self.system._strobed:
+            return self.system.coordinates(self.states)
+        phases = np.asarray(self._solution.impact_phases % TWO_PI)
+        speeds = np.asarray(self.relative_velocity)
+        return {"relative_velocity": speeds, "phase": phases, "time": self.time}
 
     def sample(self, times: object) -> tuple[Array, Array]:
         """Positions and velocities at given times since the first state.

@@ -330,7 +330,11 @@ class _ImpactOrbit:
         if impacts is None:
             return label
         if self.system._mapped:
-            factors = [self.system.jacobian(s) for s in self.record.states[impacts[0] : impacts[2]]]
+            states = self.record.states[impacts[0] : impacts[2]]
+            try:
+                factors = [self.system.jacobian(state) for state in states]
+            except (NoDerivative, TangentCrossing):
+                return label
             before, last = np.split(np.array(factors), [impacts[1] - impacts[0]])
         else:
             before, last = returned(self.system, self.record._run, impacts)[:, None]
