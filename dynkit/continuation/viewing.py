@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from dynkit.continuation.kinds import KINDS
-from dynkit.continuation.lines import Line, kinds_of, nodes_of
+from dynkit.continuation.lines import Line, curves_of, kinds_of, nodes_of
 from dynkit.core.reprs import written
 from dynkit.core.validation import Array
 from dynkit.viewer.page import LOOKS, Page
@@ -64,7 +64,7 @@ def page_of(title: str, branches: Sequence[Any], y: str | None, motions: int) ->
         point=point,
         x=values[point],
         y=heights[point, column],
-        lines=_drawn(lines),
+        lines=curves_of(lines),
     )
     if not known:
         return page.noting(_WITHOUT)
@@ -87,7 +87,7 @@ def _spectra(branch: Any) -> Line:
     x = [branch.parameter[int(place)] if b is None else b.value for place, b in nodes]
     y = np.interp([place for place, _ in nodes], places, moduli)[:, None]
     kinds = kinds_of(nodes, branch.stable, branch.admissible)
-    return Line((branch.name, _SPECTRUM), nodes, np.array(x), y, kinds)
+    return Line((branch.name, _SPECTRUM), nodes, np.array(x), y, kinds, branch.label)
 
 
 def _looks(branch: Any, line: Line) -> Array:
@@ -106,21 +106,6 @@ def _kind(branch: Any, place: int) -> str:
     if not branch.admissible[place]:
         return "inadmissible"
     return "stable" if branch.stable[place] else "unstable"
-
-
-def _drawn(lines: Sequence[Line]) -> dict[str, tuple[Array, Array]]:
-    """Return the curves of each kind as one line with gaps."""
-    parts: dict[str, list[tuple[Array, Array]]] = {}
-    gap = np.array([np.nan])
-    for line in lines:
-        for kind, x, y in line.stretches():
-            parts.setdefault(kind, []).extend(
-                pair for row in y.T for pair in ((x, row), (gap, gap))
-            )
-    return {
-        kind: (np.concatenate([x for x, _ in found]), np.concatenate([y for _, y in found]))
-        for kind, found in parts.items()
-    }
 
 
 def _error(branch: Any, at: int) -> float:
