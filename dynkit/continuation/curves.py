@@ -111,6 +111,7 @@ class BifurcationCurve(SolutionCurve):
 
     @property
     def system(self) -> Any:
+        """The system, with the parameters of the first point."""
         return self.orbit(0).system
 
     @cached_property

@@ -31,6 +31,8 @@ LINES: dict[str, Any] = {"stable": "-", "unstable": (0, (4, 2)), "inadmissible":
 _WIDTHS = {"stable": 1.0, "unstable": 0.7, "inadmissible": 0.9}
 _TYPE = 7.0
 """Size of names, in points."""
+# More bifurcations than this have smaller symbols.
+_MANY = 100
 # Fractions of a curve's length at which its name may stand, the best first.
 _FRACTIONS = (0.5, 0.4, 0.6, 0.25, 0.75, 0.1, 0.9)
 
@@ -51,12 +53,13 @@ def draw_branches(
     for line in lines:
         for b, x, row in line.marks():
             marks.setdefault((b.admissible, b.kind), []).extend((x, y) for y in row)
+    shrunk = 0.6 if sum(map(len, marks.values())) > _MANY else 1.0
     for (admissible, kind), places in sorted(
         marks.items(), key=lambda one: (not one[0][0], one[0][1])
     ):
         name = kind.value if admissible else f"({kind})"
         size, edge = (3.5, ink()) if admissible else (3.0, ink(0.55))
-        look = open_symbols(KINDS[kind].marker, size, 0.6, edge)
+        look = open_symbols(KINDS[kind].marker, shrunk * size, shrunk * 0.6, edge)
         label = "_" if name in known else name
         axes.plot(*zip(*places, strict=True), label=label, zorder=3.0 + admissible / 2, **look)
     for way, title in zip("xy", lines[0].names, strict=True):

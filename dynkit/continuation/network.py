@@ -257,7 +257,7 @@ class Network(Viewed, Saved):
 
     @classmethod
     def load(cls, path: str | os.PathLike[str], orbits: Sequence[ProblemSolution] = ()) -> Network:
-        """Read a network from a store: the same bits.
+        """Read a network from a store, bit for bit as it was written.
 
         Parameters
         ----------

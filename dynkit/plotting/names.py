@@ -19,6 +19,8 @@ _PLACES = (
     *((0.0, 0.8), (0.0, -1.6), (1.0, -0.4), (-1.0, -0.4)),
 )
 
+# A marker larger than this, in points, is a symbol; to cover one is as bad as so many dots.
+_DOT, _SYMBOL = 1.5, 50
 _NAME = "name beside a curve"
 """Mark of texts that `write_names` has written."""
 
@@ -84,12 +86,13 @@ def _moved(text: Annotation, place: tuple[float, float]) -> Any:
 
 
 def _drawn(axes: Axes, point: float) -> Array:
-    """Return positions (k, 2) in pixels along all drawn curves, a typographic point apart."""
+    """Return positions (k, 2) in pixels of markers, and along curves a typographic point apart."""
     parts = [np.empty((0, 2))]
     for line in axes.lines:
         xy = axes.transData.transform(np.asarray(line.get_xydata()))
         if line.get_linestyle() == "None":
-            parts.append(xy)
+            symbols = line.get_markersize() > _DOT
+            parts.append(np.repeat(xy, _SYMBOL if symbols else 1, axis=0))
             continue
         broken = np.isnan(xy).any(axis=1)
         for run in np.split(xy, np.flatnonzero(broken)):

@@ -25,7 +25,7 @@ from matplotlib import pyplot as plt
 from matplotlib.backend_bases import FigureCanvasBase
 
 from dynkit.cli import COMMANDS, main
-from tests.pictures import describe_pictures, described, description
+from tests.pictures import describe_pictures, described, description, overprinted
 
 ROOT = Path(__file__).parents[2]
 HOW_TO = "docs/how-to/"
@@ -215,12 +215,15 @@ def test_every_run_of_the_cluster_page_goes_on_from_one_store() -> None:
     assert command[command.index("--transient") + 1] == "900"
 
 
-def test_the_sketch_of_the_first_page_is_that_of_its_machine() -> None:
+@pytest.mark.parametrize("name", ["machine.png", "diagram.png"])
+def test_the_pictures_of_the_first_page_are_those_that_are_drawn(name: str) -> None:
     sys.path.insert(0, str(ROOT / "docs" / "_extensions"))
     try:
         pictures = importlib.import_module("pictures")
     finally:
         sys.path.pop(0)
-    assert shows(pictures.MACHINE) == description(pictures.machine())
+    figure = pictures.PICTURES[name]()
+    assert shows(pictures.FOLDER / name) == description(figure)
+    assert overprinted(figure) == []
     for page in ("README.md", "docs/index.md"):
-        assert "_static/machine.png)" in text(page)
+        assert f"_static/{name})" in text(page)
