@@ -20,6 +20,7 @@ _WITHOUT = (
     "The result was loaded without an orbit of each label. Curves without one show the largest "
     "modulus of the spectrum, and there are no time series of their points."
 )
+_WITHOUT_ORBITS = "The result was loaded without an orbit: there are no time series."
 _SPECTRUM = "largest modulus of the spectrum"
 # Multipliers that are named.
 _MULTIPLIERS = 4
@@ -77,6 +78,35 @@ def page_of(title: str, branches: Sequence[Any], y: str | None, motions: int) ->
         return found
 
     return page.with_series(motions, series)
+
+
+def page_of_curve(curve: Any, motions: int) -> Page:
+    """Return the page of a curve of bifurcations in the plane of its two parameters."""
+    count, known = len(curve), curve._problem is not None
+    x, y = curve.parameters.T
+    looks = ("inadmissible bifurcation", "bifurcation")
+    page = Page(
+        title=f"Curve of {curve.kind} of {curve.label}",
+        names=curve.names,
+        track=np.zeros(count, dtype=np.int64),
+        look=np.array([LOOKS.index(looks[fine]) for fine in curve.admissible.astype(int)]),
+        facts={
+            **curve._free,
+            "label": [curve.label] * count,
+            "kind": [f"{curve.kind}, {KINDS[curve.kind].title}"] * count,
+            "admissible": ["yes" if fine else "no" for fine in curve.admissible],
+            "error": [f"{error:.1e}" for error in curve.error],
+        },
+        point=np.arange(count),
+        x=x,
+        y=y,
+        lines={"bifurcation": (x, y)},
+    )
+    return (
+        page.with_series(motions, lambda at: curve.orbit(at)._series())
+        if known
+        else page.noting(_WITHOUT_ORBITS)
+    )
 
 
 def _spectra(branch: Any) -> Line:
