@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, final
 import numpy as np
 
 from dynkit.core.validation import Array
-from dynkit.plotting.figures import ink, size_in_points
+from dynkit.plotting.figures import ink, print_style, size_in_points
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -71,6 +71,7 @@ def write_intervals(axes: Axes, intervals: Sequence[LabelInterval]) -> None:
     _write(axes, [ordered[i].label for i in chosen], middles[chosen], _PITCH, 90.0)
 
 
+@print_style()
 def mark_values(axes: Axes, marks: Mapping[str, float]) -> None:
     """Write names above the axes at their values; values outside the axes are left out.
 

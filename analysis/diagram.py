@@ -18,7 +18,7 @@ from dynkit.core.validation import Array, boolean, finite_array, one_of, unmaske
 from dynkit.data.dataset import Dataset, described
 from dynkit.data.result import Saved
 from dynkit.plotting.figures import print_style
-from dynkit.plotting.points import dots, draw_diagram, in_words
+from dynkit.plotting.points import axis_title, dots, draw_diagram
 from dynkit.sweeps import Sweep
 
 if TYPE_CHECKING:
@@ -42,7 +42,8 @@ class BifurcationDiagram(Saved):
         One for each value, stored as text (the `name` of an OrbitLabel); or empty.
     symbols : mapping of str to str, optional
         Symbols of the parameter and the observables, written beside their names on the axes, in
-        matplotlib's mathematical notation without dollar signs.
+        matplotlib's mathematical notation without dollar signs; an empty one writes none. Without
+        it frequency, relative velocity and other usual names have the symbols of the paper.
 
     Raises
     ------
@@ -213,7 +214,7 @@ class BifurcationDiagram(Saved):
             When there is no such observable.
         """
         name = next(iter(self.observables)) if observable is None else observable
-        titles = self._title(self.parameter), self._title(name)
+        titles = [axis_title(each, self.symbols) for each in (self.parameter, name)]
         axes = draw_diagram(ax, self.values, self._numbers(name), titles, size)
         if self.intervals:
             write_intervals(axes, self.intervals)
@@ -221,10 +222,6 @@ class BifurcationDiagram(Saved):
 
     def _numbers(self, observable: str) -> Array:
         return self.observables[one_of("observable", observable, self.observables)]
-
-    def _title(self, name: str) -> str:
-        words = in_words(name)
-        return f"{words} ${self.symbols[name]}$" if name in self.symbols else words
 
 
 def _observed(name: str, numbers: object, count: int) -> Array:

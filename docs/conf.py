@@ -51,6 +51,9 @@ suppress_warnings = ["myst.strikethrough"]
 
 # Notebooks contain their outputs; the tests execute them and compare.
 nb_execution_mode = "off"
+# cells that are folded are solutions of exercises
+nb_code_prompt_show = "Solution"
+nb_code_prompt_hide = "Solution"
 myst_enable_extensions = ["attrs_inline", "colon_fence", "deflist", "dollarmath"]
 myst_heading_anchors = 3
 

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any, Protocol
 from dynkit.cli.options import Option
 from dynkit.data.atomic_files import locked, place, whole
 from dynkit.data.dataset import ENDINGS as DATA, Dataset
-from dynkit.plotting.figures import PICTURES, new_figure, print_style, write_figure
+from dynkit.plotting.figures import PICTURES, new_figure, write_figure
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -19,12 +19,6 @@ if TYPE_CHECKING:
 
 ENDINGS = (*DATA, *PICTURES)
 OUT = Option("out", "FILE", f"file to write, in the format of its ending: {', '.join(ENDINGS)}")
-SYMBOLS = {
-    "frequency": r"\omega", "restitution": "r", "amplitude": "A", "offset": "A_0",
-    "damping": r"\gamma", "springs": "k", "relative_velocity": "u", "energy": "E",
-    "phase": r"\phi", "time": "t",
-}  # fmt: skip
-"""Symbols of parameters and observables on axes."""
 
 _MOST_LABELS = 12
 
@@ -79,16 +73,9 @@ class _Plotted(Protocol):
 
 
 def plotted(found: _Plotted, height: float = 2.6) -> Figure:
-    """Return a figure of a result, with symbols in the axis titles and a legend above."""
+    """Return a figure of a result."""
     figure, (axes,) = new_figure(height=height)
-    with print_style():
-        found.plot(axes)
-        for axis in (axes.xaxis, axes.yaxis):
-            title = axis.get_label_text()
-            symbol = SYMBOLS.get(title.replace(" ", "_"))
-            axis.set_label_text(f"{title} ${symbol}$" if symbol else title)
-        if axes.get_legend_handles_labels()[1] and axes.get_legend() is None:
-            axes.legend(loc="lower center", bbox_to_anchor=(0.5, 1.0), ncols=3)
+    found.plot(axes)
     return figure
 
 

@@ -9,7 +9,9 @@ from typing import Any
 import dynkit.systems
 from dynkit.cli.options import ELEMENTS, LAWS
 from dynkit.continuation.branch import Branch
+from dynkit.continuation.curves import BifurcationCurve
 from dynkit.continuation.network import Network
+from dynkit.continuation.solution_curve import SolutionCurve
 from dynkit.core.no_motion import NoMotion
 from dynkit.data import store
 from dynkit.dynamics.equilibrium import equilibrium
@@ -27,7 +29,9 @@ from dynkit.systems.impact.impact_map import ImpactMap
 from dynkit.systems.impact.simulation.driven_structure import OF_TABLE
 
 _KINDS: Mapping[str, Any] = {SWEEP: Sweep, PLANE: ParameterMap}
-_SAVED: Mapping[str, Any] = {kind.__name__: kind for kind in (Branch, Network, Basins)}
+_SAVED: Mapping[str, Any] = {
+    kind.__name__: kind for kind in (Branch, BifurcationCurve, Network, Basins)
+}
 _LARGEST = 1 << 31
 _MADE: Mapping[str, Callable[..., Any]] = {**ELEMENTS, **LAWS}
 _WORDS = {"None": None, "True": True, "False": False}
@@ -50,8 +54,8 @@ def loaded(path: str) -> Any:
     kind = archive.entries.get("kind", "")
     if kind not in _KINDS and kind not in _SAVED:
         raise ValueError(
-            "results must be a store of a sweep, a map of two parameters, a branch, a network or "
-            f"basins; got {kind or 'no kind'} in {file}"
+            "results must be a store of a sweep, a map of two parameters, a branch, a curve of "
+            f"bifurcations, a network or basins; got {kind or 'no kind'} in {file}"
         )
     system = _system(file, archive)
     if kind in _KINDS:
@@ -61,31 +65,31 @@ def loaded(path: str) -> Any:
     found: Any = _SAVED[kind].load(file)
     if system is None:
         return found
-    if kind == "Branch":
+    if isinstance(found, SolutionCurve):
         orbit = _orbit(found, system)
         return found if orbit is None else _with_orbit(found, file, orbit)
     orbits = [_orbit(branch, system) for branch in found.branches]
     return Network.load(file, [orbit for orbit in orbits if orbit is not None])
 
 
-def _with_orbit(branch: Branch, file: Any, orbit: ProblemSolution) -> Branch:
+def _with_orbit(curve: SolutionCurve, file: Any, orbit: ProblemSolution) -> SolutionCurve:
     try:
-        return Branch.load(file, orbit)
+        return type(curve).load(file, orbit)
     except ValueError:  # the label is the same, but not the equations
-        return branch
+        return curve
 
 
-def _orbit(branch: Branch, system: Any) -> ProblemSolution | None:
-    """Return an orbit of a branch, solved for from its unknowns; None where that fails."""
-    place = len(branch) // 2
-    x, value = branch.unknowns[place], float(branch.parameter[place])
+def _orbit(curve: SolutionCurve, system: Any) -> ProblemSolution | None:
+    """Return an orbit of a curve, solved for from its unknowns; None where that fails."""
+    place = len(curve) // 2
+    x = curve.unknowns[place]
     try:
-        here = system.replace(**{branch.name: value})
+        here = system.replace(**{name: float(p[place]) for name, p in curve._free.items()})
         if isinstance(here, Flow):
             return equilibrium(here, x)
         if not isinstance(here, ImpactMap):
             return periodic_orbit(here, x.reshape(-1, here.dimension))
-        impacts, _, periods = branch.label[2:-1].partition(",")
+        impacts, _, periods = curve.label[2:-1].partition(",")
         if impacts.isdigit() and not here.elements:
             found: ProblemSolution = here.periodic_orbit(
                 phases=x[: int(impacts)], periods=int(periods)
@@ -94,7 +98,7 @@ def _orbit(branch: Branch, system: Any) -> ProblemSolution | None:
             found = here.attractor().periodic_orbit()
     except (NoConvergence, NoMotion, NotImplementedError, ValueError):
         return None
-    return found if found.label == branch.label else None
+    return found if found.label == curve.label else None
 
 
 def _system(file: Any, archive: store.Archive) -> Map | Any:

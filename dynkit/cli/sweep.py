@@ -29,7 +29,7 @@ import numpy as np
 
 from dynkit.analysis.diagram import BifurcationDiagram
 from dynkit.cli.options import OBSERVABLE, SYSTEM, Asked, Option, options_of, values_of
-from dynkit.cli.output import OUT, SYMBOLS, counted, files_of, print_summary, write
+from dynkit.cli.output import OUT, counted, files_of, print_summary, write
 from dynkit.core.reprs import costing, span
 from dynkit.plotting.figures import new_figure
 from dynkit.sweeps import sweep
@@ -92,6 +92,6 @@ def _diagram(found: Sweep, labelled: bool) -> Figure:
     figure, panels = new_figure(height=2.4 * len(names) + 0.4, rows=len(names))
     for name, axes in zip(names, panels, strict=True):
         above = labelled and axes is panels[0]
-        diagram = BifurcationDiagram.of(found, labelled=above, symbols=SYMBOLS)
+        diagram = BifurcationDiagram.of(found, labelled=above)
         diagram.plot(axes, observable=name)
     return figure

@@ -191,9 +191,10 @@ class Branch(Viewed, SolutionCurve):
     def plot(self, ax: Axes | None = None, y: str | None = None) -> Axes:
         """Draw an observable against the parameter, and return the axes.
 
-        Stable orbits are solid, unstable ones dashed, inadmissible ones dotted. Admissible
-        bifurcations are circles with their kinds, inadmissible ones are crosses with their kinds in
-        brackets.
+        Stable orbits are solid, unstable ones dashed, inadmissible ones dotted. Each kind of
+        bifurcation has a symbol, which the legend explains; symbols of inadmissible ones are grey,
+        and their kinds are in brackets. The label of the orbits is written beside the curve. A
+        second branch can be drawn into the same axes.
 
         Parameters
         ----------
@@ -202,9 +203,9 @@ class Branch(Viewed, SolutionCurve):
         y : str, optional
             Name of an observable; by default the system's first.
         """
-        from dynkit.continuation.drawing import draw_branch
+        from dynkit.continuation.drawing import draw_branches
 
-        return draw_branch(self._line(y), ax)
+        return draw_branches([self._line(y)], ax)
 
     @property
     def _default(self) -> str:
@@ -228,6 +229,7 @@ class Branch(Viewed, SolutionCurve):
             x=np.array([x for x, _ in points]),
             y=np.array([row for _, row in points]),
             kinds=kinds_of(nodes, self.stable, self.admissible),
+            label=self.label,
         )
 
     def _page(self, motions: int) -> Page:

@@ -29,9 +29,12 @@ from dynkit.orbits.equations import Problem
 from dynkit.orbits.events import is_admissible
 from dynkit.orbits.kinds import BifurcationKind
 from dynkit.orbits.newton import NoSolution, correct
+from dynkit.viewer.viewing import Viewed
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
+
+    from dynkit.viewer.page import Page
 
 # Closer to 0 or pi than this angle theta the two equations of NS become dependent.
 _RESONANCE = 1e-3
@@ -41,7 +44,7 @@ _CHANGES = 1e-8
 
 @final
 @dataclass(frozen=True, eq=False, repr=False, kw_only=True)
-class BifurcationCurve(SolutionCurve):
+class BifurcationCurve(Viewed, SolutionCurve):
     """Bifurcations of one kind as two parameters change, made by `continue_curve`.
 
     Its k points are in the order of the curve. All arrays are read-only.
@@ -111,6 +114,7 @@ class BifurcationCurve(SolutionCurve):
 
     @property
     def system(self) -> Any:
+        """The system, with the parameters of the first point."""
         return self.orbit(0).system
 
     @cached_property
@@ -153,6 +157,11 @@ class BifurcationCurve(SolutionCurve):
         from dynkit.continuation.drawing import draw_curve
 
         return draw_curve(self.kind, self._free, ax)
+
+    def _page(self, motions: int) -> Page:
+        from dynkit.continuation.viewing import page_of_curve
+
+        return page_of_curve(self, motions)
 
     def dataset(self) -> Dataset:
         """Return the points as a dataset.

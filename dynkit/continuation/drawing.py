@@ -1,4 +1,4 @@
-"""Figures of branches and of curves of bifurcations."""
+"""Figures of branches, networks, and curves of bifurcations."""
 
 from __future__ import annotations
 
@@ -8,11 +8,19 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from dynkit.continuation.kinds import KINDS
-from dynkit.continuation.lines import Line
+from dynkit.continuation.lines import Line, curves_of
 from dynkit.core.validation import Array
 from dynkit.orbits.kinds import BifurcationKind
-from dynkit.plotting.figures import circles, crosses, ink, print_style, shown_axes
+from dynkit.plotting.figures import (
+    COLUMN_WIDTH,
+    colour,
+    ink,
+    open_symbols,
+    print_style,
+    shown_axes,
+)
 from dynkit.plotting.names import write_names
+from dynkit.plotting.points import axis_title
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -20,60 +28,70 @@ if TYPE_CHECKING:
 LINES: dict[str, Any] = {"stable": "-", "unstable": (0, (4, 2)), "inadmissible": (0, (1, 1.5))}
 """Line styles of orbits."""
 
-_TEXT: dict[str, Any] = {
-    "textcoords": "offset points",
-    "xytext": (3.0, 3.0),
-    "fontsize": 7.0,
-    "zorder": 4.0,
-}
-# Labels closer than this fraction of the drawn range are joined.
-_CLOSE = 0.04
+_WIDTHS = {"stable": 1.0, "unstable": 0.7, "inadmissible": 0.9}
+_TYPE = 7.0
+"""Size of names, in points."""
+# More bifurcations than this have smaller symbols.
+_MANY = 100
+# Fractions of a curve's length at which its name may stand, the best first.
+_FRACTIONS = (0.5, 0.4, 0.6, 0.25, 0.75, 0.1, 0.9)
 
 
 @print_style()
-def draw_branch(line: Line, ax: Axes | None) -> Axes:
-    """Draw a branch; see `Branch.plot`."""
-    axes = shown_axes(ax)
-    runs: dict[str, list[tuple[Array, Array]]] = {}
-    for kind, x, y in line.stretches():
-        runs.setdefault(kind, []).append((x, y))
-    for kind, parts in runs.items():
-        for column in range(line.y.shape[1]):
-            x = np.concatenate([np.append(part, np.nan) for part, _ in parts])
-            y = np.concatenate([np.append(part[:, column], np.nan) for _, part in parts])
-            label = kind if column == 0 else "_"
-            axes.plot(x, y, linestyle=LINES[kind], label=label, color=ink(), linewidth=0.9)
-    marks: list[tuple[str, float, float]] = []
-    for b, x_place, row in sorted(line.marks(), key=lambda mark: not mark[0].admissible):
-        look = circles(3.5, 0.7) if b.admissible else crosses(3.5, 0.5)
-        axes.plot(np.full(len(row), x_place), row, label="_", zorder=3.0, **look)
-        marks.append((b.kind if b.admissible else f"({b.kind})", x_place, float(row.max())))
-    points = [i for i, (_, b) in enumerate(line.nodes) if b is None]
-    name_axes(axes, line.names)
-    merged = _merged(marks, np.ptp(line.x[points]), np.ptp(line.y[points]))
-    write_names(axes, [(x, y, text) for text, x, y in merged], _TEXT["fontsize"])
+def draw_branches(
+    lines: Sequence[Line], ax: Axes | None, width: float = COLUMN_WIDTH, height: float = 2.6
+) -> Axes:
+    """Draw branches; see `Branch.plot`. A new figure has this size in inches."""
+    axes = shown_axes(ax, width, height)
+    known = set(axes.get_legend_handles_labels()[1])
+    curves = curves_of(lines)
+    for number, (kind, style) in enumerate(LINES.items()):
+        if kind in curves:
+            look = {"linestyle": style, "linewidth": _WIDTHS[kind], "color": colour(number)}
+            axes.plot(*curves[kind], label="_" if kind in known else kind, **look)
+    marks: dict[tuple[bool, BifurcationKind], list[tuple[float, float]]] = {}
+    for line in lines:
+        for b, x, row in line.marks():
+            marks.setdefault((b.admissible, b.kind), []).extend((x, y) for y in row)
+    shrunk = 0.6 if sum(map(len, marks.values())) > _MANY else 1.0
+    for (admissible, kind), places in sorted(
+        marks.items(), key=lambda one: (not one[0][0], one[0][1])
+    ):
+        name = kind.value if admissible else f"({kind})"
+        size, edge = (3.5, ink()) if admissible else (3.0, ink(0.55))
+        look = open_symbols(KINDS[kind].marker, shrunk * size, shrunk * 0.6, edge)
+        label = "_" if name in known else name
+        axes.plot(*zip(*places, strict=True), label=label, zorder=3.0 + admissible / 2, **look)
+    for way, title in zip("xy", lines[0].names, strict=True):
+        axes.set(**{f"{way}label": axis_title(title)})
+    axes.legend(loc="best", frameon=True, framealpha=0.8, edgecolor="none", borderpad=0.2)
+    named = [(stretch, line.label) for line in lines if len(stretch := _longest(line, axes))]
+    named.sort(key=lambda one: -float(np.ptp(one[0][:, 0])))
+    write_names(axes, [(_along(*points.T), name) for points, name in named], _TYPE)
     return axes
 
 
-def name_axes(axes: Axes, names: Sequence[str]) -> None:
-    """Set the titles of both axes, without underscores."""
-    axes.set_xlabel(names[0].replace("_", " "))
-    axes.set_ylabel(names[1].replace("_", " "))
+def _longest(line: Line, axes: Axes) -> Array:
+    """Return points (k, 2) of the widest stretch inside the axes, of stable orbits if possible."""
+    low, high = sorted(axes.get_xlim())
+    floor, ceiling = sorted(axes.get_ylim())
+    best, rank = np.empty((0, 2)), (-len(LINES), -1.0)
+    for kind, x, rows in line.stretches():
+        for y in rows.T:
+            inside = (low <= x) & (x <= high) & (floor <= y) & (y <= ceiling)
+            points = np.column_stack([x, y])[inside]
+            own = (-list(LINES).index(kind), float(np.ptp(points[:, 0]))) if len(points) else rank
+            if own > rank:
+                best, rank = points, own
+    return best
 
 
-def _merged(
-    labels: list[tuple[str, float, float]], width: float, height: float
-) -> list[tuple[str, float, float]]:
-    """Return the labels; those that would overlap are joined."""
-    merged: list[tuple[str, float, float]] = []
-    for text, x, y in labels:
-        for i, (other, u, v) in enumerate(merged):
-            if abs(x - u) <= _CLOSE * width and abs(y - v) <= _CLOSE * height:
-                merged[i] = (f"{other}, {text}", u, v)
-                break
-        else:
-            merged.append((text, x, y))
-    return merged
+def _along(x: Array, y: Array) -> Array:
+    """Return the points (k, 2) at `_FRACTIONS` of the length of a drawn curve."""
+    steps = np.hypot(np.diff(x) / (np.ptp(x) or 1.0), np.diff(y) / (np.ptp(y) or 1.0))
+    way = np.append(0.0, np.cumsum(steps))
+    at = way[-1] * np.array(_FRACTIONS)
+    return np.column_stack([np.interp(at, way, x), np.interp(at, way, y)])
 
 
 @print_style()
@@ -82,14 +100,7 @@ def draw_curve(kind: BifurcationKind, parameters: Mapping[str, Array], ax: Axes 
     axes = shown_axes(ax)
     x, y = parameters.values()
     axes.plot(x, y, linestyle=KINDS[kind].line, label=kind, color=ink(), linewidth=0.9)
-    middle = _middle(x, y)
-    axes.annotate(kind, (float(x[middle]), float(y[middle])), **_TEXT)
-    name_axes(axes, list(parameters))
+    for way, title in zip("xy", parameters, strict=True):
+        axes.set(**{f"{way}label": axis_title(title)})
+    write_names(axes, [(_along(x, y), kind)], _TYPE)
     return axes
-
-
-def _middle(x: Array, y: Array) -> int:
-    """Return the index of the point halfway along a drawn curve."""
-    steps = np.hypot(np.diff(x) / (np.ptp(x) or 1.0), np.diff(y) / (np.ptp(y) or 1.0))
-    way = np.append(0.0, np.cumsum(steps))
-    return int(np.searchsorted(way, 0.5 * way[-1]))

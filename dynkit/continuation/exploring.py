@@ -89,8 +89,8 @@ def explore(
         Largest number of branches, and of points on all of them, checked before each branch.
     executor : concurrent.futures.Executor, optional
         Executor that searches, switches, and continues orbits of different labels in parallel:
-        processes, threads, Dask, MPI. The network is the same bits with any executor and any number
-        of workers, and without one; only seconds differ.
+        processes, threads, Dask, MPI. The network is bit for bit the same with any executor and any
+        number of workers, and without one; only seconds differ.
 
     Returns
     -------

@@ -45,6 +45,8 @@ class Kind:
         Full name.
     line : line style
         Line style of its curves; dotted lines are reserved for inadmissible orbits.
+    marker : str
+        Its symbol on branches, a marker of matplotlib.
     noticed : Noticed
     defining_system : subclass of CriticalMultiplier, optional
         The condition in addition to the orbit's equations; by default that of the problem's event.
@@ -63,6 +65,7 @@ class Kind:
 
     title: str
     line: Any
+    marker: str
     noticed: Noticed = Noticed.TEST_FUNCTION
     defining_system: type[CriticalMultiplier] | None = None
     switch: Switch | None = None
@@ -78,6 +81,7 @@ KINDS: Mapping[BifurcationKind, Kind] = {
     BifurcationKind.SN: Kind(
         "saddle-node (fold)",
         "-",
+        "s",
         defining_system=Fold,
         critical=_NEUTRAL,
         normal_form=fold,
@@ -85,6 +89,7 @@ KINDS: Mapping[BifurcationKind, Kind] = {
     BifurcationKind.BP: Kind(
         "branch point",
         (0, (5, 2, 1, 2, 1, 2)),
+        "P",
         defining_system=BranchPoint,
         switch=crossing,
         critical=_NEUTRAL,
@@ -92,6 +97,7 @@ KINDS: Mapping[BifurcationKind, Kind] = {
     BifurcationKind.PD: Kind(
         "period doubling",
         (0, (5, 2)),
+        "D",
         defining_system=PeriodDoubling,
         switch=doubled,
         critical={spectrum: -1.0 for spectrum in Spectrum if spectrum.periodic},
@@ -101,6 +107,7 @@ KINDS: Mapping[BifurcationKind, Kind] = {
     BifurcationKind.NS: Kind(
         "Neimark-Sacker",
         (0, (5, 2, 1, 2)),
+        "^",
         defining_system=NeimarkSacker,
         normal_form=rotation,
         supercritical=-1,
@@ -108,11 +115,13 @@ KINDS: Mapping[BifurcationKind, Kind] = {
     BifurcationKind.RS: Kind(
         "resonance",
         (0, (2, 2, 7, 2)),
+        "v",
         defining_system=Resonance,
     ),
     BifurcationKind.HB: Kind(
         "Hopf",
         (0, (1.5, 1.5, 5, 1.5)),
+        "p",
         defining_system=Hopf,
         switch=born,
         normal_form=rotation,
@@ -120,8 +129,10 @@ KINDS: Mapping[BifurcationKind, Kind] = {
     ),
     # The smallest gap of a flight would jump as a square root within 1e-9 of the border; beyond the
     # last chatter that completes there is no orbit, so that steps are not halved to the end.
-    BifurcationKind.GR: Kind("grazing", (0, (3, 1.5)), Noticed.EVENT, switch=neighbours, jump=1e-4),
-    BifurcationKind.CB: Kind("chatter border", (0, (9, 2)), Noticed.EVENT, jump=0.05),
+    BifurcationKind.GR: Kind(
+        "grazing", (0, (3, 1.5)), "o", Noticed.EVENT, switch=neighbours, jump=1e-4
+    ),
+    BifurcationKind.CB: Kind("chatter border", (0, (9, 2)), ">", Noticed.EVENT, jump=0.05),
 }
 """The properties of each kind."""
 

@@ -69,6 +69,8 @@ class Line:
         The observable at the nodes.
     kinds : list of k - 1 str
         Kind of the orbits after each node but the last, which determines the line style.
+    label : str
+        Label of the orbits.
     """
 
     names: tuple[str, str]
@@ -76,6 +78,7 @@ class Line:
     x: Array
     y: Array
     kinds: list[str]
+    label: str
 
     def stretches(self) -> Iterator[tuple[str, Array, Array]]:
         """Yield parts with one line style: the kind, the parameter and the observable."""
@@ -94,3 +97,18 @@ class Line:
         for (place, b), x, y in zip(self.nodes, self.x, self.y, strict=True):
             if b is not None and (b.kind is not BifurcationKind.BP or 0.0 <= place <= last):
                 yield b, float(x), y
+
+
+def curves_of(lines: Iterable[Line]) -> dict[str, tuple[Array, Array]]:
+    """Return the curves of each kind of orbits, x and y, as one line with gaps of NaN."""
+    parts: dict[str, list[tuple[Array, Array]]] = {}
+    gap = np.array([np.nan])
+    for line in lines:
+        for kind, x, y in line.stretches():
+            parts.setdefault(kind, []).extend(
+                pair for row in y.T for pair in ((x, row), (gap, gap))
+            )
+    return {
+        kind: (np.concatenate([x for x, _ in found]), np.concatenate([y for _, y in found]))
+        for kind, found in parts.items()
+    }

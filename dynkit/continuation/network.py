@@ -170,9 +170,7 @@ class Network(Viewed, Saved):
     def plot(self, ax: Axes | None = None, y: str | None = None) -> Axes:
         """Draw an observable of all branches against the parameter, and return the axes.
 
-        Stable orbits are solid, unstable ones dashed, inadmissible ones dotted. Admissible
-        bifurcations are circles, with the names of their kinds where there is room; inadmissible
-        ones are crosses.
+        As `Branch.plot`; labels of branches are written where there is room.
 
         Parameters
         ----------
@@ -188,9 +186,13 @@ class Network(Viewed, Saved):
         ValueError
             When there are no branches, or they were loaded without orbits.
         """
-        from dynkit.continuation.network_drawing import draw_branches
+        from dynkit.continuation.drawing import draw_branches
+        from dynkit.plotting.figures import COLUMN_WIDTH
 
-        return draw_branches([branch._line(y or self._common) for branch in self.branches], ax)
+        if not self.branches:
+            raise ValueError("network must have a branch to be drawn; got none")
+        lines = [branch._line(y or self._common) for branch in self.branches]
+        return draw_branches(lines, ax, 2.0 * COLUMN_WIDTH, 4.2)
 
     @property
     def _common(self) -> str | None:
@@ -255,7 +257,7 @@ class Network(Viewed, Saved):
 
     @classmethod
     def load(cls, path: str | os.PathLike[str], orbits: Sequence[ProblemSolution] = ()) -> Network:
-        """Read a network from a store: the same bits.
+        """Read a network from a store, bit for bit as it was written.
 
         Parameters
         ----------

@@ -128,7 +128,7 @@ class SolutionCurve(Saved):
 
     @classmethod
     def load(cls, path: str | os.PathLike[str], orbit: ProblemSolution | None = None) -> Self:
-        """Read a curve from a store: the same bits.
+        """Read a curve from a store, bit for bit as it was written.
 
         Parameters
         ----------

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from dynkit.continuation.kinds import KINDS
-from dynkit.continuation.lines import Line, kinds_of, nodes_of
+from dynkit.continuation.lines import Line, curves_of, kinds_of, nodes_of
 from dynkit.core.reprs import written
 from dynkit.core.validation import Array
 from dynkit.viewer.page import LOOKS, Page
@@ -20,6 +20,7 @@ _WITHOUT = (
     "The result was loaded without an orbit of each label. Curves without one show the largest "
     "modulus of the spectrum, and there are no time series of their points."
 )
+_WITHOUT_ORBITS = "The result was loaded without an orbit: there are no time series."
 _SPECTRUM = "largest modulus of the spectrum"
 # Multipliers that are named.
 _MULTIPLIERS = 4
@@ -64,7 +65,7 @@ def page_of(title: str, branches: Sequence[Any], y: str | None, motions: int) ->
         point=point,
         x=values[point],
         y=heights[point, column],
-        lines=_drawn(lines),
+        lines=curves_of(lines),
     )
     if not known:
         return page.noting(_WITHOUT)
@@ -79,6 +80,35 @@ def page_of(title: str, branches: Sequence[Any], y: str | None, motions: int) ->
     return page.with_series(motions, series)
 
 
+def page_of_curve(curve: Any, motions: int) -> Page:
+    """Return the page of a curve of bifurcations in the plane of its two parameters."""
+    count, known = len(curve), curve._problem is not None
+    x, y = curve.parameters.T
+    looks = ("inadmissible bifurcation", "bifurcation")
+    page = Page(
+        title=f"Curve of {curve.kind} of {curve.label}",
+        names=curve.names,
+        track=np.zeros(count, dtype=np.int64),
+        look=np.array([LOOKS.index(looks[fine]) for fine in curve.admissible.astype(int)]),
+        facts={
+            **curve._free,
+            "label": [curve.label] * count,
+            "kind": [f"{curve.kind}, {KINDS[curve.kind].title}"] * count,
+            "admissible": ["yes" if fine else "no" for fine in curve.admissible],
+            "error": [f"{error:.1e}" for error in curve.error],
+        },
+        point=np.arange(count),
+        x=x,
+        y=y,
+        lines={"bifurcation": (x, y)},
+    )
+    return (
+        page.with_series(motions, lambda at: curve.orbit(at)._series())
+        if known
+        else page.noting(_WITHOUT_ORBITS)
+    )
+
+
 def _spectra(branch: Any) -> Line:
     """Return the line of a branch without orbits: the largest modulus of its spectrum."""
     nodes = nodes_of(len(branch), branch.bifurcations)
@@ -87,7 +117,7 @@ def _spectra(branch: Any) -> Line:
     x = [branch.parameter[int(place)] if b is None else b.value for place, b in nodes]
     y = np.interp([place for place, _ in nodes], places, moduli)[:, None]
     kinds = kinds_of(nodes, branch.stable, branch.admissible)
-    return Line((branch.name, _SPECTRUM), nodes, np.array(x), y, kinds)
+    return Line((branch.name, _SPECTRUM), nodes, np.array(x), y, kinds, branch.label)
 
 
 def _looks(branch: Any, line: Line) -> Array:
@@ -106,21 +136,6 @@ def _kind(branch: Any, place: int) -> str:
     if not branch.admissible[place]:
         return "inadmissible"
     return "stable" if branch.stable[place] else "unstable"
-
-
-def _drawn(lines: Sequence[Line]) -> dict[str, tuple[Array, Array]]:
-    """Return the curves of each kind as one line with gaps."""
-    parts: dict[str, list[tuple[Array, Array]]] = {}
-    gap = np.array([np.nan])
-    for line in lines:
-        for kind, x, y in line.stretches():
-            parts.setdefault(kind, []).extend(
-                pair for row in y.T for pair in ((x, row), (gap, gap))
-            )
-    return {
-        kind: (np.concatenate([x for x, _ in found]), np.concatenate([y for _, y in found]))
-        for kind, found in parts.items()
-    }
 
 
 def _error(branch: Any, at: int) -> float:

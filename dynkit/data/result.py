@@ -64,7 +64,7 @@ class Result(Tabled, ABC):
 
 
 class Saved(Result):
-    """A result with a store: `save` writes it and `load` reads the same bits.
+    """A result with a store: `load` reads exactly what `save` wrote.
 
     `_stored` names the attributes and cached properties that determine all others.
     """
@@ -102,7 +102,7 @@ class Saved(Result):
 
     @classmethod
     def load(cls, path: str | os.PathLike[str]) -> Self:
-        """Read a result from a store: the same bits, but without the objects it was computed from.
+        """Read a result from a store, exact, but without the objects it was computed from.
 
         Raises
         ------

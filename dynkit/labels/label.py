@@ -173,11 +173,11 @@ class OrbitLabel:
 
     @property
     def period(self) -> float | None:
-        """How long a period of the motion lasts, in units of time.
+        """Duration of one period of the motion, in units of time.
 
-        Of an impact oscillator on P(n,m) or P(inf,m), m periods of the forcing; of a machine that
-        nothing drives, on P(n), what is measured when first asked for. None for what is not
-        periodic, and maps.
+        For an impact oscillator on P(n,m) or P(inf,m) it is m periods of the forcing. For a machine
+        without forcing, on P(n), it is measured when it is first read. None for motions that are
+        not periodic, and for maps.
         """
         return None if self._measured is None else self._measured[0]
 

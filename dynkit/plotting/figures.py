@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Generator, Mapping
 from contextlib import contextmanager
+from functools import cache
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -18,29 +19,8 @@ __all__ = ["new_figure", "print_style", "save_figure"]
 COLUMN_WIDTH = 3.4
 """Width of a journal's column, in inches."""
 
-PRINT_STYLE: Mapping[str, Any] = {
-    "font.size": 8.0,
-    "font.family": ["serif"],
-    "font.serif": ["DejaVu Serif"],
-    "mathtext.fontset": "dejavuserif",
-    "axes.labelsize": 8.0,
-    "axes.titlesize": 8.0,
-    "axes.linewidth": 0.6,
-    "xtick.labelsize": 7.0,
-    "ytick.labelsize": 7.0,
-    "xtick.direction": "in",
-    "ytick.direction": "in",
-    "xtick.major.width": 0.6,
-    "ytick.major.width": 0.6,
-    "xtick.top": True,
-    "ytick.right": True,
-    "legend.fontsize": 7.0,
-    "legend.frameon": False,
-    "lines.linewidth": 0.8,
-    # the same figure gives the same file
-    "svg.hashsalt": "dynkit",
-}
-"""Matplotlib settings: type of 7 to 8 points at column width."""
+# Lightness of the first lines of a figure where the user has chosen no colours.
+_GREYS = (0.0, 0.35, 0.55, 0.7)
 
 # files without dates: the same figure gives the same file
 _METADATA = {".png": {"Software": None}, ".svg": {"Date": None}, ".pdf": {"CreationDate": None}}
@@ -51,9 +31,19 @@ DOTS: dict[str, Any] = {"linestyle": "none", "marker": "o", "markeredgewidth": 0
 """Settings of a cloud of points; size and colour are the drawer's choice."""
 
 
+@cache
+def _journal() -> Mapping[str, Any]:
+    """Return the settings of the style ``dynkit.plotting.journal`` without its colours."""
+    from matplotlib import rc_params_from_file
+
+    file = Path(__file__).with_name("journal.mplstyle")
+    settings = dict(rc_params_from_file(file, use_default_template=False))
+    return {name: settings[name] for name in settings if name != "axes.prop_cycle"}
+
+
 @contextmanager
 def print_style() -> Generator[None, None, None]:
-    """Apply `PRINT_STYLE` to figures, as a context or a decorator.
+    """Apply the style ``dynkit.plotting.journal`` to figures, as a context or a decorator.
 
     Settings in ``matplotlib.rcParams`` that differ from matplotlib's defaults are kept, and so are
     other settings that are made inside the context.
@@ -69,8 +59,9 @@ def print_style() -> Generator[None, None, None]:
 
     now: Any = rcParams  # matplotlib's own type lists every name that it knows
     default: Any = rcParamsDefault
-    before = {name: now[name] for name in PRINT_STYLE if now[name] == default[name]}
-    now.update({name: PRINT_STYLE[name] for name in before})
+    style = _journal()
+    before = {name: now[name] for name in style if now[name] == default[name]}
+    now.update({name: style[name] for name in before})
     try:
         yield
     finally:
@@ -94,26 +85,38 @@ def ink(lightness: float = 0.0) -> tuple[float, float, float]:
     return red, green, blue
 
 
-def circles(size: float, width: float) -> dict[str, Any]:
-    """Return the settings of open circles with a size and a line width in points."""
+def colour(number: int) -> Any:
+    """Return the colour of a figure's line with this number, from 0.
+
+    It is of matplotlib's setting ``axes.prop_cycle``, or a grey where that is matplotlib's default.
+
+    Examples
+    --------
+    >>> from matplotlib import pyplot as plt
+    >>> with plt.style.context("dynkit.plotting.colour"):
+    ...     colour(1)
+    '#d55e00'
+    >>> colour(0)
+    (0.0, 0.0, 0.0)
+    """
+    from matplotlib import rcParams, rcParamsDefault
+
+    cycle = rcParams["axes.prop_cycle"]
+    colours = cycle.by_key().get("color")
+    if not colours or cycle == rcParamsDefault["axes.prop_cycle"]:
+        return ink(_GREYS[number % len(_GREYS)])
+    return colours[number % len(colours)]
+
+
+def open_symbols(marker: str, size: float, width: float, edge: Any) -> dict[str, Any]:
+    """Return the settings of markers without filling; size and line width in points."""
     return {
         "linestyle": "none",
-        "marker": "o",
+        "marker": marker,
         "markersize": size,
         "markeredgewidth": width,
         "markerfacecolor": ink(1.0),
-        "markeredgecolor": ink(),
-    }
-
-
-def crosses(size: float, width: float) -> dict[str, Any]:
-    """Return the settings of crosses with a size and a line width in points."""
-    return {
-        "linestyle": "none",
-        "marker": "x",
-        "markersize": size,
-        "markeredgewidth": width,
-        "markeredgecolor": ink(),
+        "markeredgecolor": edge,
     }
 
 

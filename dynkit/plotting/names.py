@@ -19,51 +19,63 @@ _PLACES = (
     *((0.0, 0.8), (0.0, -1.6), (1.0, -0.4), (-1.0, -0.4)),
 )
 
+# A marker larger than this, in points, is a symbol; to cover one is as bad as so many dots.
+_DOT, _SYMBOL = 1.5, 50
+_NAME = "name beside a curve"
+"""Mark of texts that `write_names` has written."""
 
-def write_names(axes: Axes, marks: list[tuple[float, float, str]], size: float) -> None:
-    """Write names of a size in points beside their points (x, y, name), without overlaps.
+
+def write_names(axes: Axes, marks: list[tuple[Array, str]], size: float) -> None:
+    """Write names of a size in points, each beside one of its points (k, 2), without overlaps.
 
     Names without room within the current limits of the axes are left out; the others are placed
-    where they cover the least of the curves.
+    where they cover the least of the curves, the first point before the second. Names that were
+    written before are placed anew.
     """
     from matplotlib.figure import Figure
     from matplotlib.patheffects import withStroke
-    from matplotlib.transforms import Bbox
 
+    old: list[Any] = [written for written in axes.texts if written.get_gid() == _NAME]
+    marks = [(written.marked, written.get_text()) for written in old] + marks
+    for written in old:
+        written.remove()
     figure = axes.get_figure(root=True)
     assert isinstance(figure, Figure)
     figure.draw_without_rendering()
     frame = axes.get_window_extent()
     point = figure.dpi / 72.0
-    places = [axes.transData.transform((x, y)) for x, y, _ in marks]
-    taken: list[Any] = [
-        Bbox.from_bounds(x - point, y - point, 2.0 * point, 2.0 * point) for x, y in places
-    ]
+    taken: list[Any] = [text.get_window_extent() for text in axes.texts]
+    if (legend := axes.get_legend()) is not None:
+        taken.append(legend.get_window_extent())
     curves = _drawn(axes, point)
-    for (x, y, name), spot in zip(marks, places, strict=True):
-        if not frame.contains(*spot):
-            continue
-        text = axes.annotate(
+    for points, name in marks:
+        best: Any = None
+        text: Any = axes.annotate(
             name,
-            (x, y),
+            (0.0, 0.0),
             xytext=(0, 0),
             textcoords="offset points",
             fontsize=size,
             zorder=4.0,
             path_effects=[withStroke(linewidth=0.2 * size, foreground=ink(1.0))],
+            gid=_NAME,
         )
-        free = []
-        for x_off, y_off in _PLACES:
-            place = (size * x_off, size * y_off)
-            box = _moved(text, place).padded(0.5 * point)
-            inside = frame.count_contains(box.corners()) == 4
-            if inside and not any(box.overlaps(other) for other in taken):
-                free.append((box.count_contains(curves), place))
-        if free:
-            _, place = min(free, key=lambda entry: entry[0])
-            taken.append(_moved(text, place).padded(0.5 * point))
-        else:
+        text.marked = points
+        for x, y in points:
+            text.xy = (float(x), float(y))
+            for x_off, y_off in _PLACES:
+                place = (size * x_off, size * y_off)
+                box = _moved(text, place).padded(0.5 * point)
+                inside = frame.count_contains(box.corners()) == 4
+                if inside and not any(box.overlaps(other) for other in taken):
+                    covered = box.count_contains(curves)
+                    if best is None or covered < best[0]:
+                        best = covered, text.xy, place
+        if best is None:
             text.remove()
+        else:
+            _, text.xy, place = best
+            taken.append(_moved(text, place).padded(0.5 * point))
 
 
 def _moved(text: Annotation, place: tuple[float, float]) -> Any:
@@ -74,12 +86,14 @@ def _moved(text: Annotation, place: tuple[float, float]) -> Any:
 
 
 def _drawn(axes: Axes, point: float) -> Array:
-    """Return positions (k, 2) in pixels along all drawn curves, a typographic point apart."""
+    """Return positions (k, 2) in pixels of markers, and along curves a typographic point apart."""
     parts = [np.empty((0, 2))]
     for line in axes.lines:
-        if line.get_linestyle() == "None":
-            continue
         xy = axes.transData.transform(np.asarray(line.get_xydata()))
+        if line.get_linestyle() == "None":
+            symbols = line.get_markersize() > _DOT
+            parts.append(np.repeat(xy, _SYMBOL if symbols else 1, axis=0))
+            continue
         broken = np.isnan(xy).any(axis=1)
         for run in np.split(xy, np.flatnonzero(broken)):
             part = run[~np.isnan(run).any(axis=1)]

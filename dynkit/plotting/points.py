@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from dynkit.core.validation import Array
-from dynkit.plotting.figures import DOTS, ink, print_style, shown_axes
+from dynkit.plotting.figures import DOTS, colour, ink, print_style, shown_axes
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -30,9 +30,25 @@ def displacement(coordinate: int) -> str:
     return f"displacement $x_{{{coordinate + 1}}}$"
 
 
-def in_words(name: str) -> str:
-    """Return how the name of a parameter or an observable is written on an axis."""
-    return name.replace("_", " ").replace(".", " ")
+SYMBOLS: Mapping[str, str] = {
+    "frequency": r"\omega", "restitution": "r", "amplitude": "A", "offset": "A_0",
+    "damping": r"\gamma", "springs": "k", "relative_velocity": "u", "energy": "E",
+    "phase": r"\varphi", "time": "t",
+}  # fmt: skip
+"""Symbols of parameters and observables on axes."""
+
+
+def axis_title(name: str, symbols: Mapping[str, str] | None = None) -> str:
+    """Return the title of the axis of a parameter or an observable: words, and its symbol if any.
+
+    Examples
+    --------
+    >>> axis_title("relative_velocity"), axis_title("belt.force")
+    ('relative velocity $u$', 'belt force')
+    """
+    words = name.replace("_", " ").replace(".", " ")
+    symbol = {**SYMBOLS, **(symbols or {})}.get(name)
+    return f"{words} ${symbol}$" if symbol else words
 
 
 @print_style()
@@ -46,9 +62,9 @@ def draw_motion(
 ) -> Axes:
     """Draw values (k,) against time: stops, (k,) each by name, dashed, and impacts as dots."""
     axes = shown_axes(ax, height=1.8)
-    axes.plot(times, values, color=ink(), linewidth=0.8, label=name)
+    axes.plot(times, values, color=colour(0), linewidth=0.8, label=name)
     for label, stop in (stops or {}).items():
-        axes.plot(times, stop, "--", color=ink(), linewidth=0.6, label=label)
+        axes.plot(times, stop, "--", color=colour(1), linewidth=0.6, label=label)
     if impacts is not None and len(impacts[0]):
         axes.plot(*impacts, "o", color=ink(), markersize=1.8, label="impacts")
     axes.set(xlabel="time $t$", ylabel=name)

@@ -10,7 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dynkit.core.validation import Array
-from dynkit.plotting.figures import COLUMN_WIDTH, ink, shown_axes, size_in_points
+from dynkit.plotting.figures import COLUMN_WIDTH, ink, print_style, shown_axes, size_in_points
+from dynkit.plotting.points import axis_title
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -67,6 +68,7 @@ def css_of(regions: Sequence[Region]) -> list[tuple[str, str]]:
     return found
 
 
+@print_style()
 def draw_regions(
     ax: Axes | None,
     axes_values: tuple[Array, Array],
@@ -103,7 +105,7 @@ def draw_regions(
     for number, region in enumerate(regions):
         if region.hatch and (picture == number).any():
             _hatch(axes, edges, picture == number, region.hatch)
-    axes.set(xlabel=names[0].replace("_", " "), ylabel=names[1].replace("_", " "))
+    axes.set(xlabel=axis_title(names[0]), ylabel=axis_title(names[1]))
     _write_legend(axes, [regions[number] for number in np.unique(cells).tolist()])
     size = size_in_points(axes)
     for number, region in enumerate(regions):

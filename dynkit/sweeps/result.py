@@ -204,10 +204,10 @@ class Sweep(Viewed, Swept):
         -------
         Axes
         """
-        from dynkit.plotting.points import draw_diagram, in_words
+        from dynkit.plotting.points import axis_title, draw_diagram
 
         name = self.observables[0]
-        titles = [in_words(title) for title in (self.parameter, name)]
+        titles = [axis_title(title) for title in (self.parameter, name)]
         return draw_diagram(ax, self.values, self.observable(name), titles)
 
     def _page(self, motions: int) -> Page:

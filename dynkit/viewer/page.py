@@ -296,7 +296,7 @@ class Page:
             point=np.append(below.point, self.point + shift),
             x=np.append(below.x, self.x),
             y=np.append(below.y, self.y),
-            lines={**below.lines, **self.lines},
+            lines=_joined(below.lines, self.lines),
             notes=[*below.notes, *self.notes],
             series=[*below.series, *self.series],
             nearest=np.append(below._nearest, near),
@@ -326,6 +326,19 @@ def page_of_cells(
     point = np.empty(0, np.int64)
     zeros = np.zeros(count, dtype=np.int64)
     return Page(title, names, zeros, zeros, {}, point, none, none, cells=cells)
+
+
+def _joined(
+    below: Mapping[str, tuple[Array, Array]], above: Mapping[str, tuple[Array, Array]]
+) -> Mapping[str, tuple[Array, Array]]:
+    """Return the lines of two pages; those of one look follow each other with a gap."""
+    gap = np.array([np.nan])
+    found = {**below, **above}
+    for look in below.keys() & above.keys():
+        pairs = zip(below[look], above[look], strict=True)
+        x, y = (np.concatenate([first, gap, second]) for first, second in pairs)
+        found[look] = x, y
+    return found
 
 
 def _values(page: Page, name: str) -> list[Any]:

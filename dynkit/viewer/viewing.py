@@ -48,7 +48,7 @@ def view(
 
     Parameters
     ----------
-    *results : Sweep, ParameterMap, Basins, Branch or Network
+    *results : Sweep, ParameterMap, Basins, Branch, BifurcationCurve or Network
         Several results with the same axes are drawn in one diagram, the last one above.
     out : path, optional
         File for the page; by default a temporary one.
@@ -84,7 +84,7 @@ def view(
     given: tuple[object, ...] = results
     for result in given:
         if not isinstance(result, Viewed):
-            kinds = "sweeps, parameter maps, basins, branches or networks"
+            kinds = "sweeps, parameter maps, basins, branches, curves or networks"
             raise ValueError(f"results must be {kinds}; got {result!r}")
     if shown or out is not None:
         refuse_without_plotly()

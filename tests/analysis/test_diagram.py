@@ -136,10 +136,16 @@ def test_what_is_not_there_becomes_no_point() -> None:
 
 def test_axes_are_named_in_words_and_symbols() -> None:
     diagram = BifurcationDiagram(
-        "frequency", np.arange(2.0), {"energy": np.ones((2, 1))}, symbols={"frequency": r"\omega"}
+        "frequency",
+        np.arange(2.0),
+        {"energy": np.ones((2, 1))},
+        symbols={"frequency": r"\Omega", "energy": ""},
     )
     _, axes = drawn(diagram)
-    assert (axes.get_xlabel(), axes.get_ylabel()) == (r"frequency $\omega$", "energy")
+    assert (axes.get_xlabel(), axes.get_ylabel()) == (r"frequency $\Omega$", "energy")
+    plain = BifurcationDiagram("frequency", np.arange(2.0), {"energy": np.ones((2, 1))})
+    _, axes = drawn(plain)
+    assert (axes.get_xlabel(), axes.get_ylabel()) == (r"frequency $\omega$", "energy $E$")
 
 
 def test_wide_intervals_are_named_and_narrow_ones_not() -> None:

@@ -9,7 +9,8 @@ import h5py
 import numpy as np
 import pytest
 
-from dynkit import continue_curve, continue_orbit, equilibrium, explore, sweep
+from dynkit import continue_orbit, equilibrium, explore, sweep
+from dynkit.analysis import BifurcationDiagram
 from dynkit.cli import main
 from dynkit.cli.stored import loaded, value_of
 from dynkit.data.store import identity_of
@@ -26,7 +27,7 @@ from dynkit.systems import (
     SoftStop,
 )
 from dynkit.viewer import html
-from tests.viewer.pages import CHAIN, branch, branch_of_impacts, grid, plane, swept
+from tests.viewer.pages import CHAIN, branch, branch_of_impacts, curve, grid, plane, swept
 
 BELT = DryFriction(0, force=0.02, static=0.03, velocity=0.1, name="belt")
 MACHINES = {
@@ -56,7 +57,7 @@ def test_the_system_of_a_store_is_made_again(name: str, tmp_path: Path) -> None:
     np.testing.assert_array_equal(again.attractor(0).states, found.attractor(0).states)
 
 
-@pytest.mark.parametrize("make", [swept, plane, branch, branch_of_impacts, grid])
+@pytest.mark.parametrize("make", [swept, plane, branch, branch_of_impacts, curve, grid])
 @pytest.mark.parametrize("motions", [3, 200])
 def test_the_command_writes_the_page_of_a_store(
     make: Any, motions: int, tmp_path: Path, capsys: pytest.CaptureFixture[str]
@@ -180,10 +181,9 @@ def test_other_kinds_of_results_are_named(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     store = tmp_path / "x.h5"
-    bounds = ((0.0, 3.0), (-0.9, 0.9))
-    continue_curve(branch().bifurcations[0], ("a", "b"), bounds=bounds, points=2).save(store)
+    BifurcationDiagram.of(swept()).save(store)
     said = refused(capsys, str(store))
-    assert "a branch, a network or basins; got BifurcationCurve" in said
+    assert "a curve of bifurcations, a network or basins; got BifurcationDiagram" in said
 
 
 def test_a_huge_file_is_refused(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -6,6 +6,8 @@ from typing import Any
 
 import numpy as np
 import pytest
+from matplotlib import pyplot as plt
+from matplotlib.colors import to_rgb
 from matplotlib.figure import Figure
 
 from dynkit.continuation.branch import Branch
@@ -14,10 +16,15 @@ from dynkit.continuation.curves import continue_curve
 from dynkit.continuation.drawing import LINES
 from dynkit.continuation.kinds import KINDS
 from tests.continuation.starts import flat, henon
+from tests.pictures import overprinted
 
 
 def axes() -> Any:
     return Figure().add_subplot()
+
+
+def legend_of(ax: Any) -> list[str]:
+    return [text.get_text() for text in ax.get_legend().get_texts()]
 
 
 @pytest.fixture(scope="module")
@@ -33,7 +40,7 @@ def drawn(branch: Branch) -> dict[str, Any]:
 def test_kinds_of_orbits_are_told_apart_without_colour(branch: Branch) -> None:
     lines = drawn(branch)
     assert sorted(lines) == ["inadmissible", "stable", "unstable"]
-    assert {line.get_color() for line in lines.values()} == {(0.0, 0.0, 0.0)}
+    assert all(np.ptp(to_rgb(line.get_color())) == 0.0 for line in lines.values())
     patterns = [str(line._unscaled_dash_pattern) for line in lines.values()]
     assert len(set(patterns)) == 3
     assert lines["stable"].get_linestyle() == "-"
@@ -55,26 +62,64 @@ def test_no_stretch_is_left_out(branch: Branch) -> None:
     assert set(branch.parameter) <= set(x)
 
 
-def test_bifurcations_carry_their_kinds(branch: Branch) -> None:
-    ax = branch.plot(axes())
-    kinds = [b.kind if b.admissible else f"({b.kind})" for b in branch.bifurcations]
-    assert [text.get_text() for text in ax.texts] == kinds
+def symbols(ax: Any) -> dict[str, Any]:
+    """The symbols of bifurcations by their names in the legend."""
+    lines = [line for line in ax.get_lines() if line.get_linestyle() == "None"]
+    return {line.get_label(): line for line in lines}
 
 
-def test_labels_that_would_lie_on_one_another_are_one() -> None:
-    made = continue_orbit(flat("cusp", 0.0, 0.0, 1.0, border=-1.005), "p", bounds=(-1.5, 1.5))
-    texts = [text.get_text() for text in made.plot(axes()).texts]
-    assert sorted(texts) == ["PD", "PD, GR", "SN", "SN"]
-
-
-def test_what_happens_to_no_motion_is_in_brackets_beside_a_cross() -> None:
+def test_bifurcations_have_the_symbols_that_the_legend_names() -> None:
     made = continue_orbit(flat("cusp", 0.0, 0.0, 1.0, border=-0.2), "p", bounds=(-1.5, 1.5))
-    assert [b.kind for b in made.bifurcations] == ["PD", "SN", "GR", "SN", "PD"]
     ax = made.plot(axes())
+    names = [b.kind if b.admissible else f"({b.kind})" for b in made.bifurcations]
+    assert names == ["PD", "SN", "GR", "(SN)", "(PD)"]
+    shown = symbols(ax)
+    assert set(shown) == set(names)
+    for b, name in zip(made.bifurcations, names, strict=True):
+        assert shown[name].get_marker() == KINDS[b.kind].marker
+        assert b.value in shown[name].get_xdata()
+    assert {"stable", *names} <= set(legend_of(ax))
+
+
+def test_an_inadmissible_bifurcation_is_paler() -> None:
+    made = continue_orbit(flat("cusp", 0.0, 0.0, 1.0, border=-0.2), "p", bounds=(-1.5, 1.5))
+    shown = symbols(made.plot(axes()))
+    edges = [to_rgb(shown[name].get_markeredgecolor())[0] for name in ("PD", "(PD)")]
+    assert edges[0] < edges[1] < 1.0
+
+
+def test_each_kind_of_bifurcation_has_a_symbol_of_its_own() -> None:
+    assert len({row.marker for row in KINDS.values()}) == len(KINDS)
+
+
+def test_the_label_of_the_orbits_stands_beside_the_curve(branch: Branch) -> None:
+    assert [text.get_text() for text in branch.plot(axes()).texts] == [branch.label]
+
+
+def test_branches_in_one_figure_share_a_legend_and_their_labels_do_not_touch() -> None:
+    first = continue_orbit(henon(), "a", bounds=(0.05, 1.1))
+    (second, *_) = (b for b in first.bifurcations if b.kind == "PD")
+    ax: Any = first.plot(axes())
+    for _ in range(3):
+        continue_orbit(second.switch()[0], "a", bounds=(0.05, 1.1)).plot(ax)
+    names = legend_of(ax)
+    assert len(set(names)) == len(names)
     texts = [text.get_text() for text in ax.texts]
-    assert texts == ["PD", "SN", "GR", "(SN)", "(PD)"]
-    marks = [line.get_marker() for line in ax.get_lines() if line.get_linestyle() == "None"]
-    assert marks == ["o", "o", "o", "x", "x"]
+    assert texts[0] == "P(1)"
+    assert set(texts) == {"P(1)", "P(2)"}
+    assert overprinted(ax.get_figure(root=True)) == []
+
+
+@pytest.mark.parametrize("style", ["journal", "colour"])
+def test_styles_are_those_of_matplotlib(branch: Branch, style: str) -> None:
+    with plt.style.context(f"dynkit.plotting.{style}"):
+        colours = plt.rcParams["axes.prop_cycle"].by_key()["color"]
+        lines = drawn(branch)
+    order = [lines[name] for name in LINES if name in lines]
+    assert [line.get_color() for line in order] == colours[: len(order)]
+    greys = [np.dot(to_rgb(colour), (0.3, 0.59, 0.11)) for colour in colours[:3]]
+    assert (abs(np.diff(greys)) > 0.1).all()
+    assert len({str(line._unscaled_dash_pattern) for line in order}) == 3
 
 
 def test_axes_are_named(branch: Branch) -> None:

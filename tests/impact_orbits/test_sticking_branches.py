@@ -395,7 +395,7 @@ def test_values_of_borders_have_errors_near_rounding(name: str) -> None:
 def test_a_branch_is_drawn() -> None:
     ax = branch_of("P(inf,2)").plot()
     try:
-        assert ax.get_xlabel() == "frequency"
+        assert ax.get_xlabel() == r"frequency $\omega$"
         assert len(ax.get_lines()) >= 1
         ax.figure.canvas.draw()
     finally:

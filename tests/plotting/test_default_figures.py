@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 from matplotlib import pyplot as plt
 from matplotlib.figure import Figure
+from matplotlib.text import Text
 
 from dynkit import Branch, Sweep, basins, continue_orbit, explore, parameter_map, sweep
 from dynkit.analysis import (
@@ -138,12 +139,18 @@ FIGURES: dict[str, Callable[[], Any]] = {
 
 
 @pytest.mark.parametrize("name", FIGURES)
-def test_no_text_is_printed_over_another(name: str) -> None:
+def test_no_text_is_printed_over_another_and_all_are_of_one_font(name: str) -> None:
     FIGURES[name]()
     figure = plt.gcf()
     texts = overprinted(figure)
+    fonts = {
+        (*text.get_fontfamily(), text.get_math_fontfamily())
+        for text in cast("list[Text]", figure.findobj(Text))
+        if text.get_text()
+    }
     plt.close(figure)
     assert texts == []
+    assert fonts == {("serif", "dejavuserif")}
 
 
 @pytest.mark.parametrize(

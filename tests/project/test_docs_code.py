@@ -25,7 +25,7 @@ from matplotlib import pyplot as plt
 from matplotlib.backend_bases import FigureCanvasBase
 
 from dynkit.cli import COMMANDS, main
-from tests.pictures import describe_pictures, described, description
+from tests.pictures import describe_pictures, described, description, overprinted
 
 ROOT = Path(__file__).parents[2]
 HOW_TO = "docs/how-to/"
@@ -150,7 +150,11 @@ def commands(page: str) -> list[list[str]]:
 
 SHOWN = {
     "diagram.png": ["one dots", "texts P(#,#) chaotic"],
-    "branch.png": ["one dotted 'inadmissible'", "one solid 'stable'", "texts (PD) GR GR, (PD);"],
+    "branch.png": [
+        "one dotted 'inadmissible'",
+        "one solid 'stable'",
+        "texts P(#,#); legend (PD) GR inadmissible stable",
+    ],
 }
 """What the picture of a command must show."""
 
@@ -171,13 +175,12 @@ def test_commands_draw_what_their_page_says(folder: Path) -> None:
 
 def test_the_readme_prints_what_it_shows_and_its_command_draws_the_same(folder: Path) -> None:
     assert_prints_what_is_shown("README.md")
-    _, by_code = shows(folder / "diagram.png").split(": ")
+    by_code = shows(folder / "diagram.png")
     (folder / "diagram.png").unlink()
     for arguments in commands("README.md"):
         assert main(arguments) == 0
-    names, by_command = shows(folder / "diagram.png").split(": ")
-    assert by_command == by_code
-    assert names.startswith("frequency")
+    assert shows(folder / "diagram.png") == by_code
+    assert by_code.startswith("frequency")
     for part in SHOWN["diagram.png"]:
         assert part in by_code
 
@@ -212,12 +215,15 @@ def test_every_run_of_the_cluster_page_goes_on_from_one_store() -> None:
     assert command[command.index("--transient") + 1] == "900"
 
 
-def test_the_sketch_of_the_first_page_is_that_of_its_machine() -> None:
+@pytest.mark.parametrize("name", ["machine.png", "diagram.png"])
+def test_the_pictures_of_the_first_page_are_those_that_are_drawn(name: str) -> None:
     sys.path.insert(0, str(ROOT / "docs" / "_extensions"))
     try:
         pictures = importlib.import_module("pictures")
     finally:
         sys.path.pop(0)
-    assert shows(pictures.MACHINE) == description(pictures.machine())
+    figure = pictures.PICTURES[name]()
+    assert shows(pictures.FOLDER / name) == description(figure)
+    assert overprinted(figure) == []
     for page in ("README.md", "docs/index.md"):
-        assert "_static/machine.png)" in text(page)
+        assert f"_static/{name})" in text(page)

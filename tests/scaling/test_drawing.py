@@ -38,7 +38,10 @@ def test_each_cell_has_the_colour_of_its_region() -> None:
     axes = drawn([[0, 1, 1], [0, 0, 1]])
     (mesh,) = (c for c in axes.collections if c.get_array() is not None)
     assert np.asarray(mesh.get_array()).tolist() == [[0, 0], [1, 0], [1, 1]]
-    assert (axes.get_xlabel(), axes.get_ylabel()) == ("frequency", "relative velocity")
+    assert (axes.get_xlabel(), axes.get_ylabel()) == (
+        r"frequency $\omega$",
+        "relative velocity $u$",
+    )
 
 
 def test_only_what_is_there_stands_in_the_legend() -> None:

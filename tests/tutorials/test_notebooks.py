@@ -68,6 +68,27 @@ def test_tutorial_begins_with_its_question_and_draws(path: Path) -> None:
     assert sum(len(text.figures) for text in notebooks.texts(notebook)) >= 2
 
 
+@pytest.mark.parametrize("path", TUTORIALS, ids=lambda path: path.stem)
+def test_tutorial_says_how_hard_and_how_long_it_is(path: Path) -> None:
+    head = notebooks.read(path).cells[0].source
+    assert re.search(
+        r"^\*Difficulty: (easy|medium|hard)\. Time: \d+ minutes\. Needed: ", head, re.M
+    )
+
+
+@pytest.mark.parametrize("path", TUTORIALS, ids=lambda path: path.stem)
+def test_each_exercise_has_a_folded_solution_that_answers(path: Path) -> None:
+    cells = notebooks.read(path).cells
+    tasks = [i for i, cell in enumerate(cells) if re.search(r"^\*\*\d\.\*\*", cell.source, re.M)]
+    assert len(tasks) >= 1
+    for i in tasks:
+        solution = cells[i + 1]
+        assert solution.cell_type == "code"
+        assert "hide-cell" in solution.metadata["tags"]
+        assert solution.metadata["jupyter"]["source_hidden"]
+        assert solution.outputs
+
+
 def pictures(cell: str) -> str:
     """What the pictures of a cell show."""
     (path,) = (path for path in TUTORIALS if path.name[:2] == cell[:2])
@@ -89,34 +110,34 @@ def test_headings_of_a_tutorial_are_headings(path: Path) -> None:
 
 
 def test_both_stops_of_the_tutorial_of_structures_are_drawn() -> None:
-    assert len(re.findall("one dashed", pictures("02-09"))) == 2
-    assert len(re.findall("dashed", pictures("02-01"))) == 1
+    assert len(re.findall("one dashed", pictures("06-09"))) == 2
+    assert len(re.findall("dashed", pictures("06-01"))) == 1
 
 
 def test_dotted_lines_are_orbits_that_no_motion_follows() -> None:
-    assert "one dotted 'inadmissible'" in pictures("04-01")
-    assert "one solid 'stable'" in pictures("04-01")
-    assert "several dotted" in pictures("04-09")
+    assert "one dotted 'inadmissible'" in pictures("03-01")
+    assert "one solid 'stable'" in pictures("03-01")
+    assert "one dotted 'inadmissible'" in pictures("03-09")
     dotted = {
         text.cell
         for path in TUTORIALS
         for text in notebooks.texts(notebooks.read(path))
         if "dotted" in "".join(text.figures)
     }
-    assert dotted == {"04-01", "04-09"}
+    assert dotted == {"03-01", "03-09", "03-x4"}
 
 
 def test_the_curve_of_grazing_carries_its_name() -> None:
-    assert pictures("04-11").endswith("one dashed 'GR'; texts GR")
+    assert pictures("03-11").endswith("one dashed 'GR'; texts GR")
 
 
 def test_the_diagram_of_the_tutorial_has_periods_and_chaos() -> None:
-    assert "texts P(#,#) chaotic" in pictures("03-01")
+    assert "texts P(#,#) chaotic" in pictures("02-01")
 
 
 def test_both_borders_of_chatter_are_marked() -> None:
-    assert "two dots" in pictures("05-07")
-    assert "texts CB" in pictures("05-07")
+    assert "one dots 'CB'" in pictures("04-07")
+    assert "legend CB" in pictures("04-07")
 
 
 def executed(cell: str) -> dict[str, Any]:
@@ -130,7 +151,7 @@ def executed(cell: str) -> dict[str, Any]:
 
 def test_the_sweep_of_the_ricker_map_goes_through_doublings_to_chaos() -> None:
     """Fixed point up to growth 2, then periods 2, 4, ...: May, Nature 261 (1976) 459."""
-    found = executed("08-01")["found"]
+    found = executed("07-01")["found"]
     plt.close("all")
     labels = {}
     for growth, points, name in [(1.7, 1, "P(1)"), (2.3, 2, "P(2)"), (2.6, 4, "P(4)")]:
@@ -143,4 +164,4 @@ def test_the_sweep_of_the_ricker_map_goes_through_doublings_to_chaos() -> None:
 
 
 def test_the_figure_of_the_ricker_map_shows_periods_and_chaos() -> None:
-    assert "texts P(#) chaotic" in pictures("08-01")
+    assert "texts P(#) chaotic" in pictures("07-01")

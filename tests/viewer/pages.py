@@ -12,11 +12,13 @@ import numpy as np
 
 from dynkit import (
     Basins,
+    BifurcationCurve,
     Branch,
     Page,
     ParameterMap,
     Sweep,
     basins,
+    continue_curve,
     continue_orbit,
     parameter_map,
     periodic_orbit,
@@ -37,6 +39,12 @@ def swept() -> Sweep:
 def branch() -> Branch:
     orbit = periodic_orbit(Henon(a=0.2, b=0.3), [0.8, 0.2])
     return continue_orbit(orbit, "a", bounds=(0.1, 1.4))
+
+
+@cache
+def curve() -> BifurcationCurve:
+    doubling = next(b for b in branch().bifurcations if b.kind == "PD")
+    return continue_curve(doubling, ("a", "b"), bounds=((0.0, 3.0), (-0.9, 0.9)))
 
 
 @cache

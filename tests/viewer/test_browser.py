@@ -12,7 +12,7 @@ import pytest
 from dynkit import Page, view
 from dynkit.viewer.viewing import Viewed
 from tests.browser import Browser
-from tests.viewer.pages import branch, branch_of_impacts, grid, many, plane, swept
+from tests.viewer.pages import branch, branch_of_impacts, curve, grid, many, plane, swept
 
 pytestmark = pytest.mark.browser
 
@@ -64,7 +64,7 @@ def pixel(tab: Browser, x: float, y: float) -> Any:
 Tab = Callable[[Page], Browser]
 
 
-@pytest.mark.parametrize("result", [swept, branch, branch_of_impacts, plane, grid])
+@pytest.mark.parametrize("result", [swept, branch, branch_of_impacts, curve, plane, grid])
 def test_a_page_loads_without_a_network_and_without_errors(
     tab: Tab, result: Callable[[], Viewed]
 ) -> None:
@@ -193,7 +193,7 @@ def test_twenty_thousand_points_stay_fluid(tab: Tab) -> None:
     assert shown.errors == []
 
 
-@pytest.mark.parametrize("result", [swept, branch, plane, grid])
+@pytest.mark.parametrize("result", [swept, branch, curve, plane, grid])
 @pytest.mark.parametrize("scheme", ["light", "dark"])
 def test_a_phone_shows_the_whole_page(tab: Tab, result: Callable[[], Viewed], scheme: str) -> None:
     shown = tab(result().view(show=False))

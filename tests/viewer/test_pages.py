@@ -13,6 +13,7 @@ import pytest
 from plotly.offline import get_plotlyjs
 
 from dynkit import (
+    BifurcationCurve,
     Branch,
     Hyperplane,
     Network,
@@ -31,9 +32,19 @@ from dynkit.viewer import html
 from dynkit.viewer.page import LOOKS
 from dynkit.viewer.series import Series
 from dynkit.viewer.viewing import MOTIONS, Viewed
-from tests.viewer.pages import CHAIN, branch, branch_of_impacts, data_of, grid, many, plane, swept
+from tests.viewer.pages import (
+    CHAIN,
+    branch,
+    branch_of_impacts,
+    curve,
+    data_of,
+    grid,
+    many,
+    plane,
+    swept,
+)
 
-RESULTS: list[Callable[[], Viewed]] = [swept, branch, branch_of_impacts, plane, grid]
+RESULTS: list[Callable[[], Viewed]] = [swept, branch, branch_of_impacts, curve, plane, grid]
 
 
 @pytest.mark.parametrize("result", RESULTS)
@@ -159,6 +170,23 @@ def test_a_network_shows_all_branches() -> None:
         replace(found, branches=()).view(show=False)
 
 
+def test_a_curve_of_bifurcations_shows_its_points_and_orbits() -> None:
+    found, page = curve(), curve().view(show=False)
+    assert page.names == ("a", "b")
+    np.testing.assert_array_equal(np.column_stack([page.x, page.y]), found.parameters)
+    assert {LOOKS[k] for k in page.look} == {"bifurcation"}
+    place = page.owners[0]
+    (name, *_), orbit = page.series[0].shown, found.orbit(place)
+    assert np.isclose(page.series[0].columns[name], orbit.observable(orbit.observables[0])[0]).any()
+
+
+def test_lines_of_two_branches_are_both_drawn() -> None:
+    one, both = branch().view(show=False), view(branch(), branch(), show=False)
+    for look, (x, y) in one.lines.items():
+        assert np.isfinite(both.lines[look][0]).sum() == 2 * np.isfinite(x).sum()
+        assert np.isfinite(both.lines[look][1]).sum() == 2 * np.isfinite(y).sum()
+
+
 def test_results_with_the_same_axes_share_a_diagram() -> None:
     page = view(swept(), branch_of_impacts(), show=False)
     below, above = swept().view(show=False), branch_of_impacts().view(show=False)
@@ -247,7 +275,7 @@ def test_a_page_that_is_too_large_is_refused() -> None:
 
 def test_a_result_without_its_system_is_shown_without_motions(tmp_path: Path) -> None:
     store = tmp_path / "x.h5"
-    for found, kind in ((swept(), Sweep), (branch(), Branch)):
+    for found, kind in ((swept(), Sweep), (curve(), BifurcationCurve), (branch(), Branch)):
         found.save(store)
         page = kind.load(store).view(show=False)
         assert len(page.series) == 0
@@ -303,7 +331,11 @@ def test_a_notebook_shows_the_page_itself(monkeypatch: pytest.MonkeyPatch) -> No
     ("arguments", "options", "message"),
     [
         ((), {}, "results must be at least one; got none"),
-        (("x.h5",), {}, "results must be sweeps, parameter maps, basins, branches or networks"),
+        (
+            ("x.h5",),
+            {},
+            "results must be sweeps, parameter maps, basins, branches, curves or networks",
+        ),
         ((Logistic(rate=3.0),), {}, "got Logistic"),
         ((None,), {"motions": -1}, "motions must be"),
         ((None,), {"show": "yes"}, "show must be"),

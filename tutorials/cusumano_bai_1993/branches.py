@@ -140,11 +140,9 @@ def _figure(sweep: Sweep, network: Network) -> Figure:
     axes.plot(across, up, markersize=0.7, rasterized=True, **_DOTS)
     axes.set_xlim(float(sweep.values[0]), float(sweep.values[-1]))
     axes.set_ylim(0.0, 1.05 * float(up.max()))
+    network.plot(axes)
     with print_style():
-        network.plot(axes)
-        axes.set_xlabel(rf"frequency ${SYMBOLS['frequency']}$")
-        axes.set_ylabel(rf"relative velocity ${SYMBOLS['relative_velocity']}$")
-        axes.legend(loc="lower center", bbox_to_anchor=(0.5, 1.0), ncols=3)
+        axes.legend(loc="lower center", bbox_to_anchor=(0.5, 1.0), ncols=7)
     return figure
 
 

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from dynkit.core.validation import Array
 from dynkit.labels.label import OrbitKind
-from dynkit.plotting.figures import DOTS, circles, ink, shown_axes
+from dynkit.plotting.figures import DOTS, ink, open_symbols, shown_axes
 from dynkit.plotting.regions import Region, draw_regions, shades
 from dynkit.sweeps.basins.basin import Basin
 from dynkit.sweeps.basins.classification import NO_CROSSING, NO_STATE, RUNS_AWAY, UNSETTLED
@@ -42,7 +42,11 @@ def draw_basins(
     for basin in basins:
         if first >= 0 and second >= 0 and size == basin.states.shape[1] == 2:
             many = basin.label.kind in (OrbitKind.CHAOTIC, OrbitKind.QUASI_PERIODIC)
-            look = {"color": ink(), "markersize": 0.5, **DOTS} if many else circles(2.5, 0.5)
+            look = (
+                {"color": ink(), "markersize": 0.5, **DOTS}
+                if many
+                else open_symbols("o", 2.5, 0.5, ink())
+            )
             states = basin.states[:, [first, second]]
             axes.plot(*states.T, scalex=False, scaley=False, **look)
     return axes

@@ -35,7 +35,7 @@ LAIN = 2
 @final
 @dataclass(frozen=True)
 class Watch:
-    """A guard of a regime: a sum of what it watches, times numbers, and of its level is positive.
+    """A guard of a regime: a linear function of the motion, positive while the regime lasts.
 
     It is ``gap * g + rate * g' + force * f + normal * n + stretch * e + level``. Here g is the
     element's gap, f the force along its row while it holds or sticks, n the force of the closed
