@@ -42,7 +42,7 @@ def rattle(law: ImpactLaw) -> ImpactChain:
 
 @pytest.mark.parametrize("law", LAWS)
 def test_one_impact_is_that_of_the_restitution_at_its_own_velocity(law: ImpactLaw) -> None:
-    orbit = chain(law).attractor().periodic_orbit()
+    orbit: Any = chain(law).attractor().periodic_orbit()
     assert orbit.label == "P(1,1)"
     approach = orbit.impulses - orbit.relative_velocity
     r = float(law.at(approach)[0])
@@ -103,7 +103,7 @@ def test_a_branch_of_a_law_that_is_a_number_is_that_of_the_number() -> None:
 
 
 def test_a_branch_meets_the_jump_of_a_law_at_the_velocity_of_its_impact() -> None:
-    orbit = chain(PlasticBelow(0.01, 0.7)).attractor().periodic_orbit()
+    orbit: Any = chain(PlasticBelow(0.01, 0.7)).attractor().periodic_orbit()
     (approach,) = orbit.impulses / 1.7
     branch = continue_orbit(orbit, "restitution.velocity", bounds=(1e-3, 2.0 * approach))
     (jump,) = branch.bifurcations

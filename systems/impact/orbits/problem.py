@@ -43,8 +43,7 @@ def has_table_alone(oscillator: ImpactMap) -> None:
     laws = [stop for stop in oscillator._stops if isinstance(stop.restitution, ImpactLaw)]
     for element in (*oscillator._own, *laws):
         raise NotImplementedError(
-            "these orbits are those of a table of one coordinate, alone, whose restitution is a "
-            f"number; got {element!r}: "
+            f"these orbits are those of a table of one coordinate, alone; got {element!r}: "
             "dynkit.periodic_orbit finds orbits of the map"
         )
 

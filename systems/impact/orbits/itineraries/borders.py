@@ -85,7 +85,7 @@ class LawJump(Border):
         if self.side >= len(breaks):
             return math.inf
         approach = -float(solution.rates[k] @ solution.before[i])
-        return (approach - breaks[self.side]) * (1.0 if event.piece > self.side else -1.0)
+        return float(approach - breaks[self.side]) * (1.0 if event.piece > self.side else -1.0)
 
     def left(self, solution: Any, own: Array) -> Any:  # noqa: ARG002
         return [self.value(solution) / self.problem.units(solution)[1]]
