@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 from abc import ABC, abstractmethod
+from bisect import bisect_right
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
@@ -132,6 +133,23 @@ class ImpactLaw(ABC):
         return bool(not abs(change) <= 0.5 * JUMP**0.5 * velocity)
 
     @final
+    @cached_property
+    def breaks(self) -> tuple[float, ...]:
+        """Velocities at which it jumps, ascending, as conditions u < c in its expression say."""
+        return tuple(sorted(set(self._conditions.values())))
+
+    @final
+    def piece(self, velocity: float) -> int:
+        """Number of the interval between `breaks` in which a velocity lies."""
+        return bisect_right(self.breaks, velocity)
+
+    @final
+    def continued(self, piece: int, velocities: Array) -> tuple[Array, Array]:
+        """Restitution, and slope of the rebound velocity, of one interval, at any velocities."""
+        value, slope = self._pieces[piece]
+        return _evaluated(value, velocities), _evaluated(slope, velocities)
+
+    @final
     def bounces(self, velocities: Array) -> Array:
         """Sum of the velocities of all bounces from these on, over these; infinite without end."""
         from dynkit.systems.impact.elements.law_kernels import REGISTERS, sum_all
@@ -154,6 +172,33 @@ class ImpactLaw(ABC):
         from dynkit.systems.impact.elements.law_programs import program_of
 
         return program_of((self._velocity * self._given).diff(self._velocity), self._velocity)
+
+    @cached_property
+    def _conditions(self) -> dict[Any, float]:
+        """The conditions on the velocity alone, and the velocities of those at which it jumps."""
+        from sympy.core.relational import Relational
+
+        found = {}
+        for condition in self._given.atoms(Relational):
+            bounds = [side for side in condition.args if side != self._velocity]
+            if len(bounds) == 1 and bounds[0].is_number and self.jumps(float(bounds[0])):
+                found[condition] = float(bounds[0])
+        return found
+
+    @cached_property
+    def _pieces(self) -> list[tuple[Array, Array]]:
+        """Programs of the restitution, and of the slope, of each interval between `breaks`."""
+        from sympy import sympify, true
+
+        from dynkit.systems.impact.elements.law_programs import program_of
+
+        edges, u, found = (0.0, *self.breaks), self._velocity, []
+        for k, low in enumerate(edges):
+            inside = 0.5 * (low + edges[k + 1]) if k + 1 < len(edges) else 2.0 * low + 1.0
+            holds = {c: c.subs(u, inside) == true for c in self._conditions}
+            own = self._given.xreplace({c: sympify(holds[c]) for c in holds})
+            found.append((program_of(own, u), program_of((u * own).diff(u), u)))
+        return found
 
     @cached_property
     def _velocity(self) -> Any:

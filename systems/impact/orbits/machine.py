@@ -14,14 +14,16 @@ function, Numerical Algorithms 53 (2010) 133-148.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from contextlib import suppress
+from dataclasses import replace
 from typing import TYPE_CHECKING, Any, NamedTuple, final
 
 import numpy as np
 
 from dynkit.core.validation import Array
 from dynkit.orbits.newton import NoSolution
+from dynkit.systems.impact.elements.laws import ImpactLaw
 
 if TYPE_CHECKING:
     from dynkit.systems.impact.elements.element import Element
@@ -46,11 +48,18 @@ def numbers_of(oscillator: DrivenStructure) -> Array:
 def _numbers(element: Element) -> Array:
     """Motion and restitution of an element, and what each of its regimes does and watches."""
     own = [element.offset, element.amplitude, element.phase, element.drift]
-    own.append(getattr(element, "restitution", 0.0))
+    law = getattr(element, "restitution", 0.0)
+    own.append(0.0 if isinstance(law, ImpactLaw) else law)
     for regime in element.regimes:
         own += [regime.push, regime.stiffness, regime.damping]
         own += [n for w in regime.guards for n in (w.gap, w.rate, w.force, w.level)]
-    return np.array(own, dtype=float)
+    return np.array([*own, *_law_numbers(element).values()], dtype=float)
+
+
+def _law_numbers(element: Element) -> Mapping[str, float]:
+    """Those of its impact law, if it has one: the last of its numbers."""
+    law = getattr(element, "restitution", None)
+    return law.numbers if isinstance(law, ImpactLaw) else {}
 
 
 def change_of(numbers: Callable[[float], Array], value: float) -> tuple[Array, bool]:
@@ -116,7 +125,8 @@ class Numbers(NamedTuple):
 
 
 def _count(element: Element) -> int:
-    return 5 + sum(3 + 4 * len(regime.guards) for regime in element.regimes)
+    regimes = sum(3 + 4 * len(regime.guards) for regime in element.regimes)
+    return 5 + regimes + len(_law_numbers(element))
 
 
 @final
@@ -196,6 +206,38 @@ class Machine:
     def restitution(self, element: int) -> Any:
         """Of a hard stop."""
         return self._own[element][4]
+
+    def rebound(self, element: int, piece: int, rate: Any) -> tuple[Any, float]:
+        """Restitution, and slope of the rebound velocity, at a rate of the gap before an impact.
+
+        Of a law those of one of its pieces, also beyond its ends; where the gap opens those of the
+        opposite rate.
+        """
+        law: Any = getattr(self.elements[element], "restitution", None)
+        if not isinstance(law, ImpactLaw):
+            r = self.restitution(element)
+            return r, float(r.real)
+        if piece > len(law.breaks):
+            raise NoSolution("the impact law has fewer pieces there")
+        u = np.array([max(abs(rate.real), np.finfo(float).tiny)])
+        r, slope = (float(value[0]) for value in law.continued(piece, u))
+        if not np.iscomplexobj(rate):
+            return r, slope
+        change = (slope - r) / float(u[0]) * np.sign(rate.real) * rate.imag
+        names = law.numbers
+        for name, own in zip(names, self._own[element][-len(names) :], strict=True):
+            if own.imag:
+
+                def moved(value: float, name: str = name) -> Array:
+                    try:
+                        there = replace(law, **{name: value})
+                    except ValueError as refusal:  # beyond the range of the number
+                        raise NoSolution(str(refusal)) from refusal
+                    return np.asarray(there.continued(piece, u)[0])
+
+                step = _DIFFERENCE * max(abs(names[name]), 1e-2)
+                change += float(difference(moved, names[name], step)[0]) * own.imag
+        return r + 1j * change, slope
 
     def gap(self, element: int) -> Any:
         """Row of the gap."""

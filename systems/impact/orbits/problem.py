@@ -17,6 +17,7 @@ from dynkit.orbits.equations import Problem
 from dynkit.orbits.events import Condition, Event, WatchedProblem
 from dynkit.orbits.newton import NoSolution
 from dynkit.orbits.problem import PeriodicProblem
+from dynkit.systems.impact.elements.laws import ImpactLaw
 from dynkit.systems.impact.orbits.borders import Border
 from dynkit.systems.impact.orbits.machine import Changes
 from dynkit.systems.impact.orbits.orbit import ImpactOrbit
@@ -39,7 +40,8 @@ def has_table_alone(oscillator: ImpactMap) -> None:
             "these orbits need quadratic energies, and those of this structure are not: "
             "dynkit.periodic_orbit and attractor.periodic_orbit() find orbits of the map"
         )
-    for element in oscillator._own:
+    laws = [stop for stop in oscillator._stops if isinstance(stop.restitution, ImpactLaw)]
+    for element in (*oscillator._own, *laws):
         raise NotImplementedError(
             f"these orbits are those of a table of one coordinate, alone; got {element!r}: "
             "dynkit.periodic_orbit finds orbits of the map"

@@ -170,7 +170,7 @@ class ImpactAttractor(Attractor):
         Returns
         -------
         ImpactOrbit
-            With sliders, impact laws or energies that are not quadratic, a `MapOrbit`.
+            With sliders or energies that are not quadratic, a `MapOrbit`.
 
         Raises
         ------
@@ -185,7 +185,7 @@ class ImpactAttractor(Attractor):
         from dynkit.orbits.periodic_orbit import periodic_orbit as map_orbit
         from dynkit.systems.impact.orbits.finding import orbit_of_motion, sticking_orbit_of
         from dynkit.systems.impact.orbits.itineraries.finding import orbit_near
-        from dynkit.systems.impact.orbits.itineraries.itinerary import unknown_element
+        from dynkit.systems.impact.orbits.itineraries.itinerary import has_law, unknown_element
 
         smooth = self._system._motion is not None
         known = unknown_element(self._system) is None and not smooth
@@ -201,7 +201,7 @@ class ImpactAttractor(Attractor):
         record = self._system.attractor(transient=rest, impacts=n, start=self.final).record
         if not known:
             return map_orbit(self._system, record.states)
-        if self._system._own or m is None:
+        if self._system._own or has_law(self._system) or m is None:
             return orbit_near(self._system, record.final, m or 1)
         return orbit_of_motion(record, n, m)
 

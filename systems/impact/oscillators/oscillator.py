@@ -228,8 +228,9 @@ class ImpactOscillator(ImpactMap):
         NoConvergence
             When Newton's method does not converge from the guess.
         NotImplementedError
-            With sliders, impact laws or friction with a coefficient, or when the energies are not
-            quadratic: ``attractor.periodic_orbit()`` finds the orbits of their map.
+            With sliders or friction with a coefficient, when a stop with an impact law is stuck to,
+            or when the energies are not quadratic: ``attractor.periodic_orbit()`` finds the orbits
+            of their map.
 
         Examples
         --------
@@ -240,9 +241,10 @@ class ImpactOscillator(ImpactMap):
         """
         from dynkit.systems.impact.orbits.finding import orbit_at
         from dynkit.systems.impact.orbits.itineraries.finding import orbit_from
+        from dynkit.systems.impact.orbits.itineraries.itinerary import has_law
 
         others = impacts is phases is sides is None and not boolean("sticking", sticking)
-        if self._own and others:
+        if others and (self._own or has_law(self)):
             return orbit_from(self, periods, start)
         if start is not None:
             raise ValueError(f"start must be given with elements, and periods alone; got {start!r}")

@@ -13,6 +13,7 @@ from dynkit.orbits.equations import Problem
 from dynkit.orbits.kinds import BifurcationKind
 from dynkit.orbits.newton import NoSolution
 from dynkit.systems.impact.elements.element import HALT, IMPACT
+from dynkit.systems.impact.elements.laws import ImpactLaw
 from dynkit.systems.impact.elements.stops import HardStop
 from dynkit.systems.impact.orbits.borders import (
     Border,
@@ -41,6 +42,12 @@ def borders_of(problem: Any, s: ItinerarySolution) -> Iterator[Border]:
     for k, i in enumerate(s.hits):
         part = s.course.node_before(i) if sticks else 0
         yield VanishingImpulse(problem, part if s.blind else k, k)
+    for k, i in enumerate(s.hits):
+        law: Any = problem.oscillator._elements[itinerary[i].element].restitution
+        if isinstance(law, ImpactLaw):
+            part, piece = s.course.node_before(i) if sticks else k, itinerary[i].piece
+            for jump in range(max(piece - 1, 0), min(piece + 1, len(law.breaks))):
+                yield LawJump(problem, part, k, jump)
     for i in range(n):
         # impacts of one stop pass one another; those of stops that face each other never meet
         one, other = itinerary[i].element, itinerary[(i + 1) % n].element
@@ -60,6 +67,28 @@ def borders_of(problem: Any, s: ItinerarySolution) -> Iterator[Border]:
             yield FlatRelease(problem, i, 0, itinerary[i].element)
     for begun in problem.beginnings:
         yield Beginning(problem, begun)
+
+
+@final
+class LawJump(Border):
+    """An impact approaches with a velocity at which its law jumps: number `side` of these.
+
+    Beyond, the orbit with the same piece of the law is no motion.
+    """
+
+    kind, ends = BifurcationKind.GR, False
+
+    def value(self, solution: Any) -> float:
+        i, k = solution.hits[self.number], self.number
+        event = solution.itinerary[i]
+        breaks = solution.oscillator._elements[event.element].restitution.breaks
+        if self.side >= len(breaks):
+            return math.inf
+        approach = -float(solution.rates[k] @ solution.before[i])
+        return float(approach - breaks[self.side]) * (1.0 if event.piece > self.side else -1.0)
+
+    def left(self, solution: Any, own: Array) -> Any:  # noqa: ARG002
+        return [self.value(solution) / self.problem.units(solution)[1]]
 
 
 _ZERO = 16.0
@@ -327,4 +356,4 @@ def named(border: Border, solution: ItinerarySolution) -> str:
     """What happens where a border is met."""
     if isinstance(border, Beginning | VanishingInterval | TouchingGuard):
         return border.name(solution)
-    return "grazing"
+    return "jump of the law" if isinstance(border, LawJump) else "grazing"

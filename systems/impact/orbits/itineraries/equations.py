@@ -21,6 +21,7 @@ from dynkit.systems.impact.orbits.itineraries.itinerary import (
     Itinerary,
     check_elements,
     counts_of,
+    has_law,
     returns_of,
 )
 from dynkit.systems.impact.orbits.itineraries.monodromy import factors, multipliers
@@ -81,7 +82,7 @@ def responds(oscillator: ImpactMap, itinerary: Itinerary, driven: bool) -> bool:
     That is so for impacts of one mode in which all motions have a restoring force.
     """
     stops = all(isinstance(element, HardStop) for element in oscillator._elements)
-    if not (driven and stops):
+    if not (driven and stops) or has_law(oscillator):
         return False
     one = all(e.kicked == e.mode and not any(e.mode.numbers) for e in itinerary)
     return one and not len(free_motion(oscillator._contact).neutral)

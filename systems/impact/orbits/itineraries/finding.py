@@ -151,8 +151,9 @@ def _impulses(system: ImpactMap, seen: Seen, phases: Array) -> Array:
     for event, state, phase in zip(seen.events, seen.states, phases, strict=True):
         if event.kicked:
             z = np.concatenate([state, [np.sin(phase), np.cos(phase), 1.0]])
-            r = machine.restitution(event.element)
-            found.append(-(1.0 + r) * float(machine.rate(event.element) @ z))
+            rate = float(machine.rate(event.element) @ z)
+            r, _ = machine.rebound(event.element, event.piece, rate)
+            found.append(-(1.0 + r) * rate)
     return np.array(found)
 
 

@@ -12,6 +12,7 @@ import numpy as np
 from dynkit.core.validation import Array
 from dynkit.orbits.newton import NoConvergence
 from dynkit.systems.impact.elements.element import HALT, JUMP, Element, EventKind
+from dynkit.systems.impact.elements.laws import ImpactLaw
 from dynkit.systems.impact.elements.stops import HardStop
 from dynkit.systems.impact.orbits.machine import Machine, Regimes
 from dynkit.systems.impact.records.event_counts import element_names
@@ -45,6 +46,8 @@ class Happening(NamedTuple):
     chatters : bool
         Whether contact with the same stop follows, the next mode, at once or after impacts that are
         not events of the itinerary.
+    piece : int
+        Of an impact the number of the smooth piece of its law: see `ImpactLaw.piece`.
     """
 
     mode: Regimes
@@ -52,6 +55,7 @@ class Happening(NamedTuple):
     guard: int
     kicked: Regimes | None = None
     chatters: bool = False
+    piece: int = 0
 
 
 Itinerary = tuple[Happening, ...]
@@ -125,15 +129,16 @@ class Seen(NamedTuple):
 
 
 def unknown_element(oscillator: ImpactMap) -> Element | None:
-    """The first element with a slider, a law or a normal, which these equations do not describe."""
+    """The first element with a slider or a normal, which these equations do not describe."""
     for element in oscillator._elements:
-        if (
-            element.slider
-            or element.leans_on
-            or not isinstance(getattr(element, "restitution", 0.0), float)
-        ):
+        if element.slider or element.leans_on:
             return element
     return None
+
+
+def has_law(oscillator: ImpactMap) -> bool:
+    """Whether a stop has an impact law."""
+    return any(isinstance(stop.restitution, ImpactLaw) for stop in oscillator._stops)
 
 
 def check_elements(oscillator: ImpactMap) -> None:
@@ -146,8 +151,8 @@ def check_elements(oscillator: ImpactMap) -> None:
     element = unknown_element(oscillator)
     if element is not None:
         raise NotImplementedError(
-            "orbits by itinerary know no sliders, no impact laws and no friction with a "
-            f"coefficient; got {element!r}: "
+            "orbits by itinerary know no sliders and no friction with a coefficient; "
+            f"got {element!r}: "
             "dynkit.periodic_orbit finds orbits of the map"
         )
 
@@ -207,6 +212,12 @@ def events_seen(oscillator: ImpactMap, run: Trajectory, named: bool = True) -> S
             continue  # a period begins, or the motion, in the regimes that its start is in
         begin, before = float(parts.begin[k]), int(parts.mode[k - 1])
         guard = automaton.guards[parts.guard[k]]
+        law: Any = getattr(oscillator._elements[guard.element], "restitution", None)
+        if parts.kind[k] == EventKind.CONTACT and isinstance(law, ImpactLaw):
+            raise NotImplementedError(
+                f"orbits by itinerary must not stick to a stop with an impact law; got {law!r}: "
+                "dynkit.periodic_orbit finds orbits of the map"
+            )
         if parts.kind[k] == EventKind.CONTACT and parts.speed[k] > 0.0:
             if named:
                 _name(machine, guard.element, (times, events, states), run)
@@ -239,7 +250,10 @@ def events_seen(oscillator: ImpactMap, run: Trajectory, named: bool = True) -> S
             mode = kicked or mode
         now.add(guard.element)
         times.append(begin)
-        events.append(Happening(mode, guard.element, number, kicked))
+        piece = 0
+        if hit and isinstance(law, ImpactLaw):
+            piece = law.piece(-float(machine.rate(guard.element) @ z))
+        events.append(Happening(mode, guard.element, number, kicked, piece=piece))
         states.append(z[:-3])
     shape = len(times), 2 * machine.size
     return Seen(np.array(times), tuple(events), np.array(states).reshape(shape))

@@ -226,8 +226,17 @@ class ShootingSolution(ItinerarySolution):
         return np.array(rows).reshape(len(rows), self.dimension + 3)
 
     @cached_property
+    def _rebounds(self) -> Any:
+        """Restitutions, and slopes of rebound velocities over those of the approach: (2, k)."""
+        approach = (self.rates * self.before[self.hits]).sum(axis=1)
+        pieces = [self.itinerary[i].piece for i in self.hits]
+        own = zip(self.sides.tolist(), pieces, approach, strict=True)
+        found = [self.machine.rebound(*hit) for hit in own]
+        return np.array(found).reshape(len(found), 2).T
+
+    @property
     def restitutions(self) -> Any:
-        return np.array([self.machine.restitution(int(side)) for side in self.sides])
+        return self._rebounds[0]
 
     # --- equations --------------------------------------------------------------------------------
 
@@ -242,7 +251,7 @@ class ShootingSolution(ItinerarySolution):
             elif (pair := self.pairs[i]) is not None:
                 found[i] = divided.value(self, i, pair)
         rates = (self.rates * self.before[self.hits]).sum(axis=1)
-        rates = rates + self.impulses / (1.0 + self.restitutions)
+        rates = (1.0 + self.restitutions) * rates + self.impulses
         ended = self.reached[[node - 1 for node in self.course.nodes], : self.dimension]
         missing = np.roll(ended, -1, axis=0) - np.roll(self.lap.states, -1, axis=0)
         return np.concatenate([found, rates, missing.ravel()])
@@ -270,8 +279,8 @@ class ShootingSolution(ItinerarySolution):
             after = self.resets[i] @ change
             if i in self.impulse_of:
                 j = self.impulse_of[i]
-                out[n + j] += self.rates[j] @ change
-                out[n + j, n + j] += 1.0 / (1.0 + self.restitutions[j])
+                out[n + j] += (1.0 + self._rebounds[1, j]) * (self.rates[j] @ change)
+                out[n + j, n + j] += 1.0
                 after[:, n + j] += self.resets[i] @ self.kicks[i]
             changes.append(after)
             change = self.transitions[i] @ after
@@ -340,7 +349,7 @@ class ShootingSolution(ItinerarySolution):
         own = np.empty(n + k + self.lap.states.size)
         own[:n] = turned * (abs(self.guards) * abs(self.before)).sum(axis=1)
         rates = (abs(self.rates) * abs(self.before[self.hits])).sum(axis=1)
-        own[n : n + k] = turned[self.hits] * rates + 4.0 * abs(self.impulses)
+        own[n : n + k] = 2.0 * turned[self.hits] * rates + 4.0 * abs(self.impulses)
         own[n + k :] = abs(self.lap.states).ravel()
         for i, event in enumerate(self.itinerary):
             if event.element < 0:
@@ -359,7 +368,8 @@ class ShootingSolution(ItinerarySolution):
             if self.itinerary[j].element >= 0 and self.pairs[j] is None:
                 rows[j] = self.guards[j, :d]
             if j in self.impulse_of:
-                rows[n + self.impulse_of[j]] = self.rates[self.impulse_of[j], :d]
+                k = self.impulse_of[j]
+                rows[n + k] = (1.0 + self._rebounds[1, k]) * self.rates[k, :d]
         return out
 
     @cached_property
@@ -478,7 +488,7 @@ class ShootingSolution(ItinerarySolution):
             passed = self.resets[i].copy()
             if i in self.impulse_of:
                 j = self.impulse_of[i]
-                own = np.outer(self.kicks[i], self.rates[j]) * (1.0 + self.restitutions[j])
+                own = np.outer(self.kicks[i], self.rates[j]) * (1.0 + self._rebounds[1, j])
                 passed = self.resets[i] @ (np.eye(len(own)) - own)
             rate = float(self.guards[i] @ moving)
             later = self.guards[i] / rate if rate and (self.driven or i) else 0.0 * self.guards[i]

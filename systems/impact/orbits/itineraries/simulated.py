@@ -85,4 +85,5 @@ def _is_released(s: Any, node: int) -> bool:
 
 def _same(a: Happening, b: Happening) -> bool:
     """Whether the same happens in the same mode."""
-    return (a.element, a.guard, a.mode.numbers) == (b.element, b.guard, b.mode.numbers)
+    one, other = ((e.element, e.guard, e.piece, e.mode.numbers) for e in (a, b))
+    return one == other
