@@ -111,6 +111,9 @@ class Automaton:
         Number of the slider's coordinate, by number of the element.
     table : (guards, 4)
         For each guard: its mode, its element, the next mode, and the kind of the event.
+    beside : int or None
+        Number of elements besides the first one. None for a hard stop alone whose restitution is a
+        number, for which the kernels are smaller.
     """
 
     def __init__(
@@ -134,6 +137,8 @@ class Automaton:
         stops = (e for e in self._elements if isinstance(e, HardStop))
         self._laws = [s.restitution for s in stops if isinstance(s.restitution, ImpactLaw)]
         programs = [law.program for law in self._laws]
+        alone = hit and len(self._elements) == 1 and not self._laws
+        self.beside = None if alone else len(self._elements) - 1
         self._programs = np.stack(programs) if programs else np.zeros((0, 1, 4))
         self._tails = np.array([law.tail for law in self._laws], dtype=float).reshape(-1, 5)
         self._begin()
