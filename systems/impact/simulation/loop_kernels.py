@@ -234,7 +234,9 @@ def run(
                     own[MOTION] = SWITCHED
                     own[ORDER] = 2.0
                     own[SPEED] = 0.0
-                elif returns(tables, there, changed, m, left, y, band_factor):
+                elif beside is not None and returns(
+                    tables, there, changed, m, left, y, band_factor
+                ):
                     own[MOTION] = SWITCHED
                     own[ORDER] = 0.0
                 continue
