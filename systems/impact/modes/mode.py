@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from copy import copy
 from functools import cached_property
 from typing import Any, final
 
@@ -48,6 +49,17 @@ class Mode:
         self.bodies = len(forced.rest)
         self._anchored = self._anchors = np.zeros(0, dtype=np.intp)
         self._drifts = np.zeros(0)
+
+    def turned(self, frequency: float) -> Mode | None:
+        """The mode at another frequency; None where the structure has a steady response to it."""
+        forced = self.forced.turned(frequency)
+        if forced is None:
+            return None
+        out = copy(self)
+        out.forced = forced
+        if self.layout.table >= 0:
+            out.propagators = self.propagators.turning(self.layout.table, frequency)
+        return out
 
     def anchor(self, stuck: int, places: list[int], drifts: Array, bodies: int) -> None:
         """Set the sticking sliders: first of the last pairs, coordinates (s,), velocities (s,).

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from copy import copy
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any, Literal, final
@@ -129,6 +130,14 @@ class Forced:
             self.drift += self.spread(still)
             self._still = response[2]
         self.turns = bool(load.harmonic.any() or self.shape.any())
+
+    def turned(self, frequency: float) -> Forced | None:
+        """The motion at another frequency; None where harmonic or resonant parts depend on it."""
+        if self.turns or self._own_links:
+            return None
+        out = copy(self)
+        out.frequency = frequency
+        return out
 
     @cached_property
     def rest_terms(self) -> Array:

@@ -74,9 +74,10 @@ class Ensemble:
         buffers = self._buffers(noted, slots)
         contact = system._automaton.table[: len(tables.event), 3] == EventKind.CONTACT
         limits = band_factor(free.layout.slots), MOST_CELLS, cells_of_a_call(slots)
+        given = contact, near, most, system._automaton.beside, *limits
         first = 0
         while first < len(able):
-            first = arrive(tables, orbits, contact, near, most, *limits, first, members, *buffers)
+            first = arrive(tables, orbits, *given, first, members, *buffers)
 
         (there,) = np.nonzero(members.number >= 0)
         here = able[there]

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from copy import copy
 from dataclasses import dataclass, replace
 from functools import partial
 from threading import RLock
@@ -110,6 +111,9 @@ class Automaton:
         Number of the slider's coordinate, by number of the element.
     table : (guards, 4)
         For each guard: its mode, its element, the next mode, and the kind of the event.
+    beside : int or None
+        Number of elements besides the first one. None for a hard stop alone whose restitution is a
+        number, for which the kernels are smaller.
     """
 
     def __init__(
@@ -121,9 +125,7 @@ class Automaton:
         normal: dict[int, int],
     ) -> None:
         self._structure, self._excitation, self._elements = structure, excitation, tuple(elements)
-        self._ladders, self._stack, self._stacked_modes = LadderStack(), Stack(), 0
-        self._size, self._slots, self._joined = structure.size, 0, dict[int, int]()
-        self._rows, self._changes = dict[int, int](), dict[tuple[int, int], list[Array]]()
+        self._size = structure.size
         places = iter(range(structure.size - structure.sliders, structure.size))
         self.sliders = {k: next(places) for k, e in enumerate(elements) if e.slider}
         self.parts = Parts(self._elements, structure, normal)
@@ -135,16 +137,53 @@ class Automaton:
         stops = (e for e in self._elements if isinstance(e, HardStop))
         self._laws = [s.restitution for s in stops if isinstance(s.restitution, ImpactLaw)]
         programs = [law.program for law in self._laws]
+        alone = hit and len(self._elements) == 1 and not self._laws
+        self.beside = None if alone else len(self._elements) - 1
         self._programs = np.stack(programs) if programs else np.zeros((0, 1, 4))
         self._tails = np.array([law.tail for law in self._laws], dtype=float).reshape(-1, 5)
+        self._begin()
+        self._number((0,) * len(self._elements))
+
+    def _begin(self) -> None:
+        """Forget all modes, and what was made of them."""
+        self._ladders, self._stack, self._stacked_modes = LadderStack(), Stack(), 0
+        self._slots, self._joined, self._rows = 0, dict[int, int](), dict[int, int]()
+        self._changes = dict[tuple[int, int], list[Array]]()
         self._lock = RLock()
         self._tables: Any = None
+        self._first: Any = None
         self.table: NDArray[np.intp] = np.empty((0, 4), dtype=np.intp)
         self.modes: list[Mode] = []
         self.regimes: list[tuple[int, ...]] = []
         self.guards: list[Guard] = []
         self._grips: dict[int, Grip] = {}
-        self._number((0,) * len(self._elements))
+
+    def turned(self, excitation: Excitation) -> Automaton:
+        """The automaton at another frequency, for hard stops of a structure without other forces.
+
+        Only its first mode is entered. Of that mode's tables, only those of its sums depend on the
+        frequency: the others are shared.
+        """
+        first, frequency = self._first, excitation.frequency
+        if frequency == self._excitation.frequency:
+            return self
+        out = copy(self)
+        out._begin()
+        out._excitation = excitation
+        mode = self.modes[0].turned(frequency)
+        if first is None or mode is None:
+            out._number(self.regimes[0])
+            return out
+        out.modes, out.regimes, out.table = [mode], self.regimes[:1], first[0]
+        for g in self.guards[: len(first[0])]:
+            sum_ = mode.sum(g.sum.rows[:2], g.sum.offset)
+            out.guards.append(replace(g, sum=sum_, target=-1, partner=-1, change=None))
+        ladders = LadderStack()
+        ladders.add([g.sum for g in out.guards])
+        rate = frequency if mode.layout.table < 0 else 0.0
+        out._tables = first[1]._replace(ladders=ladders.ladders, clock_rate=rate)
+        out._first = first[0], out._tables
+        return out
 
     def mode(self, regimes: tuple[int, ...]) -> Mode:
         """The mode of given regimes; it is built if no motion has entered it."""
@@ -195,6 +234,8 @@ class Automaton:
         with self._lock:
             if self._tables is None:
                 self._tables = self._stacked()
+                if len(self.modes) == 1:
+                    self._first = self.table, self._tables
             return self._tables
 
     def rest_terms(self) -> Array:

@@ -357,13 +357,14 @@ class DrivenStructure(LagrangianStructure):
         """
         stops = tuple(replace(stop, restitution=1.0) for stop in self._stops)
         forces = self.harmonic_forces, self.constant_forces
-        key = (self.frequency, *forces, self.chatter_tolerance, stops)
+        key = (*forces, self.chatter_tolerance, stops)
         known = self._structure.automata
         found = known.get(key)
         if found is None:
             given = self._structure, self._excitation, stops, self.chatter_tolerance
             known.clear()
-            found = known[key] = Automaton(*given, {})
+            found = Automaton(*given, {})
+        found = known[key] = found.turned(self._excitation)
         return cast("Automaton", found)
 
     def _taylor_automaton(self) -> Any:

@@ -91,6 +91,7 @@ def arrive(
     contact: NDArray[np.bool_],
     near: float,
     most: int,
+    beside: int | None,
     band_factor: float,
     limit: int,
     pause: int,
@@ -115,7 +116,7 @@ def arrive(
         (guards,) whether contact begins at the zero of a guard.
     near
         Largest difference of a number from that of an impact of an orbit, relative to its size.
-    band_factor, limit, pause
+    beside, band_factor, limit, pause
         As for `run`; the call ends after the member at which it has searched so many cells.
     impacts, switches
         Buffers, of as many impacts as the stride and every period.
@@ -145,6 +146,7 @@ def arrive(
                 clock,
                 left,
                 wanted,
+                beside,
                 None,
                 band_factor,
                 limit,

@@ -140,6 +140,7 @@ def run(
     clock: Array,
     left: Array,
     count: int,
+    beside: int | None,
     noise: float | None,
     band_factor: float,
     limit: int,
@@ -161,6 +162,9 @@ def run(
     pause
         After so many cells, and twice as many at most, this call ends with RUN_PAUSED; a call with
         the same arguments, for the impacts that remain, goes on from there, bit for bit.
+    beside
+        Number of other elements. With None there are none, and the element is a hard stop whose
+        restitution is a number: what only others need is not compiled.
     noise
         Relative size of a pseudo-random perturbation after each event, for error estimates. With
         None, what perturbs is not compiled.
@@ -210,7 +214,8 @@ def run(
                 enter(changed, there, clock, 0.0, 0.0, y, switches)
                 clock[LEFT_FROM] = -1.0
                 appear(tables, m, tables.target[changed], left)
-                try_again(tables, there, left, y)
+                if beside is not None:
+                    try_again(tables, there, left, y)
                 # By a force that jumped the gap has an acceleration at once, or its rate a rate.
                 own = left[tables.element[changed]]
                 if own[MOTION] == STILL:
@@ -219,17 +224,19 @@ def run(
                     clock[GUARD] = tables.partner[changed]
                     own[MOTION] = BOUNCED
                     own[SPEED] = 0.0
-                elif tables.torn[changed] == 1:
+                elif beside is not None and tables.torn[changed] == 1:
                     after = ladder_at(ladders, tables.partner[changed])
                     own[SPEED] = value_and_rates(after.rows, after.offset, y, START)[1]
                     if own[SPEED] > 0.0:
                         own[MOTION] = SWITCHED
                         own[ORDER] = 1.0
-                elif tables.torn[changed] == 3:
+                elif beside is not None and tables.torn[changed] == 3:
                     own[MOTION] = SWITCHED
                     own[ORDER] = 2.0
                     own[SPEED] = 0.0
-                elif returns(tables, there, changed, m, left, y, band_factor):
+                elif beside is not None and returns(
+                    tables, there, changed, m, left, y, band_factor
+                ):
                     own[MOTION] = SWITCHED
                     own[ORDER] = 0.0
                 continue
@@ -244,10 +251,15 @@ def run(
                 r, drop = tables.restitution[k], tables.drop[k]
                 lost = 0.0
                 rest = 0.0
+                loose = scraping = False
                 if u > 0.0:
                     order = 1
                     rates = u
-                    if tables.law[k] < 0:
+                    if beside is not None and tables.law[k] >= 0:
+                        sticks, rest, lost, rates = chatter_by_law(
+                            tables, k, gap, u, second, third, fourth, registers
+                        )
+                    else:
                         lost = lifted(r, drop, u, second)
                         sticks = chatter_completes(
                             gap,
@@ -265,22 +277,17 @@ def run(
                         if sticks:
                             rest = chatter_rest(gap, tables.kick[k], r, drop, u, second, third)
                             rates = u / (1.0 - r)
-                    else:
-                        sticks, rest, lost, rates = chatter_by_law(
-                            tables, k, gap, u, second, third, fourth, registers
-                        )
-                    if sticks and left.shape[0] > 1 and disturbs(tables, k, rates, rest, y):
-                        sticks = False
-                    scraping = sticks and tables.scraped.shape[1] > 0
-                    if scraping and tables.partner[k] >= 0:
-                        copy(y, START, KEPT)
-                        sticks, moved = scrapes_out(tables, k, r, u, second, left, y)
-                        lost += moved / tables.coupling[k]
-                    loose = False
+                    if beside is not None:
+                        if sticks and beside > 0 and disturbs(tables, k, rates, rest, y):
+                            sticks = False
+                        scraping = sticks and tables.scraped.shape[1] > 0
+                        if scraping and tables.partner[k] >= 0:
+                            copy(y, START, KEPT)
+                            sticks, moved = scrapes_out(tables, k, r, u, second, left, y)
+                            lost += moved / tables.coupling[k]
                 else:
-                    scraping = False
-                    # Friction decides only what contact leaves to it.
-                    loose = undecided(tables, k, left)
+                    if beside is not None:  # friction decides only what contact leaves to it
+                        loose = undecided(tables, k, left)
                     order = 0 if loose else order_at_rest(gap.rows, y, band_factor)
                     if order > 0 and stays_in_band(gap, y, START, tables.tolerance):
                         # It would never leave the table by more: all that moves is rounding.
@@ -316,12 +323,13 @@ def run(
                     clock[LEFT_FROM] = k
                     copy(y, 0, START)
                     appear(tables, m, tables.target[k], left)
-                    try_again(tables, held, left, y)
+                    if beside is not None:
+                        try_again(tables, held, left, y)
                     own[MOTION] = FLIGHT if loose else SWITCHED
                     own[ORDER] = 0.0
                     enter(k, held, clock, rest, u, y, switches)
                     g = held
-                if left.shape[0] > 1:
+                if beside is not None and beside > 0:
                     continue  # another one may have bounced, or be torn off
         m = ladders.integers[g, GROUP]
         first = tables.first[m]
@@ -338,7 +346,7 @@ def run(
         best = g
         e = 0.0
         rate = 0.0
-        if tables.period > 0.0:
+        if beside is not None and tables.period > 0.0:
             outcome = SECTION
             n = int(clock[REMAINING] / smallest)
             e = clock[REMAINING] - n * smallest
@@ -399,7 +407,7 @@ def run(
             if outcome == LIMIT:
                 return done, SEARCH_LIMIT
             return done, CONTACT_FOR_EVER if held >= 0 else NO_FURTHER_CONTACT
-        if outcome == SECTION:
+        if beside is not None and outcome == SECTION:
             fly(gap, n, e, y)
             copy(y, FOUND, START)
             move_on(clock, left, -1, n, smallest, e, tables.clock_rate)
@@ -421,7 +429,8 @@ def run(
             if tables.partner[best] < 0:
                 clock[WANTED] = best
                 return done, MODE_WANTED
-            know_gaps(tables, best, n, e, left, work)
+            if beside is not None:
+                know_gaps(tables, best, n, e, left, work)
             after = ladder_at(ladders, tables.partner[best])
             target = tables.target[best]
             slots = tables.slots[target, : tables.counts[target]]
@@ -435,15 +444,16 @@ def run(
             move_on(clock, left, tables.element[best], n, smallest, e, tables.clock_rate)
             clock[LEFT_FROM] = -1.0
             # Others that switched at the same time do so in another mode.
-            try_again(tables, tables.partner[best], left, y)
+            if beside is not None:
+                try_again(tables, tables.partner[best], left, y)
             own[MOTION] = SWITCHED if tables.event[best] == SWITCH else FLIGHT
             own[ORDER] = tables.order[best]
             own[SPEED] = 0.0
-            if tables.order[best] == 1:
+            if beside is not None and tables.order[best] == 1:
                 own[SPEED] = value_and_rates(after.rows, after.offset, y, START)[1]
             appear(tables, m, target, left)
             enter(best, tables.partner[best], clock, 0.0, 0.0, y, switches)
-            if tables.marks[best]:
+            if beside is not None and tables.marks[best]:
                 if store:
                     note_impact(
                         done, tables.partner[best], after.steady, clock, math.nan, y, impacts
@@ -451,14 +461,15 @@ def run(
                 done += 1
                 clock[IMPACTS] += 1.0
             continue
-        if tables.event[best] == JAM:
-            copy(y, FOUND, START)
-            move_on(clock, left, tables.element[best], n, smallest, e, tables.clock_rate)
-            return done, JAMMED
-        wanted = lets_go(tables, best)
-        if wanted >= 0:
-            clock[WANTED] = wanted
-            return done, MODE_WANTED
+        if beside is not None:
+            if tables.event[best] == JAM:
+                copy(y, FOUND, START)
+                move_on(clock, left, tables.element[best], n, smallest, e, tables.clock_rate)
+                return done, JAMMED
+            wanted = lets_go(tables, best)
+            if wanted >= 0:
+                clock[WANTED] = wanted
+                return done, MODE_WANTED
         if at != best:
             at = best
             gap = ladder_at(ladders, at)
@@ -467,47 +478,54 @@ def run(
             if noise is not None:
                 rate = perturb_touch(gap, band_factor, y, clock)
         rate = min(rate, 0.0)
-        if left.shape[0] > 1:
+        if beside is not None and beside > 0:
             know_gaps(tables, best, n, e, left, work)
         move_on(clock, left, tables.element[best], n, smallest, e, tables.clock_rate)
-        ambiguous = tables.ambiguous[best] or (
-            guards > 1 and together(tables, best, y, band_factor)
-        )
-        if ambiguous and clock[AMBIGUOUS] < 0.0:
-            clock[AMBIGUOUS] = clock[IMPACTS]
         appeared = False
-        while tables.opens[best] >= 0:  # a closed stop from which the impact pulls away
-            open_ = tables.opens[best]
-            before = ladders.integers[open_, GROUP]
-            at = best = guard_of(tables, tables.target[open_], tables.element[best])
-            gap = ladder_at(ladders, at)
-            transform(tables.change[tables.row[open_]], y, FOUND, START)
-            normalise(y, gap.steady)
-            copy(y, START, FOUND)
-            left[tables.element[open_], MOTION] = BOUNCED
-            appeared = appear(tables, before, tables.target[open_], left) or appeared
-            clock[LEFT_FROM] = -1.0
-            enter(open_, best, clock, 0.0, 0.0, y, switches)
+        if beside is not None:
+            ambiguous = tables.ambiguous[best] or (
+                guards > 1 and together(tables, best, y, band_factor)
+            )
+            if ambiguous and clock[AMBIGUOUS] < 0.0:
+                clock[AMBIGUOUS] = clock[IMPACTS]
+            while tables.opens[best] >= 0:  # a closed stop from which the impact pulls away
+                open_ = tables.opens[best]
+                before = ladders.integers[open_, GROUP]
+                at = best = guard_of(tables, tables.target[open_], tables.element[best])
+                gap = ladder_at(ladders, at)
+                transform(tables.change[tables.row[open_]], y, FOUND, START)
+                normalise(y, gap.steady)
+                copy(y, START, FOUND)
+                left[tables.element[open_], MOTION] = BOUNCED
+                appeared = appear(tables, before, tables.target[open_], left) or appeared
+                clock[LEFT_FROM] = -1.0
+                enter(open_, best, clock, 0.0, 0.0, y, switches)
         m = ladders.integers[best, GROUP]
         slots = tables.slots[m, : tables.counts[m]]
         r = tables.restitution[best]
-        if tables.law[best] >= 0 and rate < 0.0:
+        if beside is not None and tables.law[best] >= 0 and rate < 0.0:
             r = evaluate(tables.programs[tables.law[best]], -rate, registers)
             if not 0.0 <= r <= 1.0:
                 clock[WANTED], waits[1] = best, -rate
                 return done, LAW_BROKEN
         add_jump(tables.kick[best], -(1.0 + r) * rate, y)
-        scrape(tables, best, -(1.0 + r) * rate, left, y)
+        if beside is not None:
+            scrape(tables, best, -(1.0 + r) * rate, left, y)
         normalise(y, gap.steady)
         # What friction held at a stop is pushed against it.
-        if push(tables, best, left, y) and appeared and clock[AMBIGUOUS] < 0.0:
+        if (
+            beside is not None
+            and push(tables, best, left, y)
+            and appeared
+            and clock[AMBIGUOUS] < 0.0
+        ):
             clock[AMBIGUOUS] = clock[IMPACTS]
         if (n * smallest + e) > EPSILON * clock[TIME]:
             clock[AT_ONCE] = 0.0
         elif clock[GUARD] != best:
             clock[AT_ONCE] += 1.0
         clock[GUARD] = best
-        if left.shape[0] > 1:
+        if beside is not None and beside > 0:
             jolt(tables, best, left, y)
         own[SPEED] = 0.0 - r * rate
         own[MOTION] = BOUNCED
@@ -518,8 +536,9 @@ def run(
             note_impact(done, best, gap.steady, clock, own[SPEED], y, impacts)
         done += 1
         clock[IMPACTS] += 1.0
-        if clock[AT_ONCE] > AT_REST and come_to_rest(tables, m, left, y, band_factor):
-            clock[AT_ONCE] = 0.0
-        if clock[AT_ONCE] > MOST_AT_ONCE * left.shape[0]:
-            return done, COLLAPSED
+        if beside is not None:
+            if clock[AT_ONCE] > AT_REST and come_to_rest(tables, m, left, y, band_factor):
+                clock[AT_ONCE] = 0.0
+            if clock[AT_ONCE] > MOST_AT_ONCE * left.shape[0]:
+                return done, COLLAPSED
     return done, COUNT_REACHED

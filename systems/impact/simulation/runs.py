@@ -268,6 +268,7 @@ class Course:
                 self._clock,
                 self._left,
                 count - done,
+                self._oscillator._automaton.beside,
                 self._noise or None,
                 band_factor(slots),
                 self._most_cells,

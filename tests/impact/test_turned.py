@@ -1,0 +1,76 @@
+"""Sweeps over frequency: modes at another frequency, and the kernel of a table alone."""
+
+from typing import Any
+
+import numpy as np
+import pytest
+
+from dynkit.systems import ImpactChain, PlayOscillator
+from dynkit.systems.impact.simulation.automaton import Automaton
+from dynkit.systems.impact.simulation.runs import trajectory_of
+
+FREQUENCIES = (0.35, 0.352, 0.87, 3.0, 40.0, 0.01)
+
+WEIGHTS = (0.0, -0.02, 0.01)
+
+SYSTEMS: dict[str, Any] = {
+    "table": ImpactChain(masses=10, frequency=0.9),
+    "undamped": ImpactChain(masses=3, frequency=0.9, damping=0.0),
+    "weights": ImpactChain(masses=3, frequency=0.9, constant_forces=WEIGHTS),
+    "forces": ImpactChain(masses=3, frequency=0.9, harmonic_forces=(0.1, 0.2j, 0.0)),
+    "fixed stop": ImpactChain(
+        masses=3, frequency=0.9, amplitude=0.0, harmonic_forces=(0.1, 0.2j, 0.0)
+    ),
+    "play": PlayOscillator(frequency=0.9),
+}
+
+
+def numbers(tables: Any) -> list[tuple[str, bytes]]:
+    """Shape and every bit of the tables of the kernels."""
+    flat = [*tables.ladders, *tables[1:]]
+    return [(str(np.shape(part)), np.asarray(part).tobytes()) for part in flat]
+
+
+@pytest.mark.parametrize("name", SYSTEMS)
+def test_a_turned_automaton_has_the_bits_of_a_new_one(name: str) -> None:
+    system = SYSTEMS[name]
+    system.simulate(impacts=30)  # enters more modes than the first
+    for frequency in FREQUENCIES:
+        turned = system.replace(frequency=frequency)._automaton._shared
+        new = Automaton(
+            turned._structure, turned._excitation, turned._elements, turned._tolerance, {}
+        )
+        assert turned._excitation.frequency == frequency
+        assert numbers(turned.tables) == numbers(new.tables)
+        for number in range(len(turned._elements)):
+            for own in (turned, new):
+                own.enter(number)
+        assert len(turned.modes) == len(new.modes) > 1
+        assert numbers(turned.tables) == numbers(new.tables)
+        assert np.array_equal(turned.table, new.table)
+
+
+@pytest.mark.parametrize("frequency", [0.35, 0.408, 0.87])
+@pytest.mark.parametrize("noise", [0.0, 1e-15])
+def test_the_kernel_of_a_table_alone_has_the_bits_of_that_of_all_elements(
+    frequency: float, noise: float
+) -> None:
+    chain = ImpactChain(frequency=frequency)
+    assert chain._automaton.beside is None
+    start = chain.default_start
+    runs = [trajectory_of(chain, start, 400, store=True, noise=noise)]
+    chain._automaton._shared.beside = 0
+    try:
+        chain._automaton.__dict__.pop("beside", None)
+        runs.append(trajectory_of(chain, start, 400, store=True, noise=noise))
+    finally:
+        chain._automaton._shared.beside = None
+    small, whole = runs
+    for one, other in (
+        *zip(vars(small.log).values(), vars(whole.log).values(), strict=True),
+        *zip(vars(small.switches).values(), vars(whole.switches).values(), strict=True),
+    ):
+        assert one.tobytes() == other.tobytes()
+    assert small.cells == whole.cells
+    assert small.ending is whole.ending
+    assert len(small.switches.time) > 0 or frequency != 0.408
