@@ -82,7 +82,7 @@ def test_no_fold_where_friction_only_just_sticks() -> None:
     system, start = random_machine(403)
     orbit = system.attractor(start=start, transient=300, impacts=40).periodic_orbit()
     frequency = system.frequency
-    branch = continue_orbit(orbit, "frequency", bounds=(0.95 * frequency, 1.25 * frequency))
+    branch = continue_orbit(orbit, "frequency", bounds=(0.95 * frequency, 1.02 * frequency))
     values = [found.value for found in branch.bifurcations if found.kind == "GR"]
     folds = [found.value for found in branch.bifurcations if found.kind == "SN"]
     assert len(values) > 3
