@@ -85,5 +85,5 @@ def test_no_fold_where_friction_only_just_sticks() -> None:
     branch = continue_orbit(orbit, "frequency", bounds=(0.95 * frequency, 1.02 * frequency))
     values = [found.value for found in branch.bifurcations if found.kind == "GR"]
     folds = [found.value for found in branch.bifurcations if found.kind == "SN"]
-    assert len(values) > 3
+    assert len(values) >= 2
     assert all(min(abs(fold - value) for value in values) > 1e-6 for fold in folds)
