@@ -57,15 +57,16 @@ def run(page: str) -> Iterator[tuple[list[str], list[str], dict[str, Any]]]:
     """Run the blocks of a page, in one namespace: what each shows, prints, and has defined."""
     program = ModuleType("__main__")  # so that what it defines can be pickled
     names: dict[str, Any] = vars(program)
-    for block in blocks(page):
-        output = io.StringIO()
-        own, sys.modules["__main__"] = sys.modules["__main__"], program
-        try:
-            with redirect_stdout(output):
-                exec(compile(block, page, "exec", dont_inherit=True), names)
-        finally:
-            sys.modules["__main__"] = own
-        yield expected(block), output.getvalue().splitlines(), names
+    with mpl.rc_context():  # a page may choose a style
+        for block in blocks(page):
+            output = io.StringIO()
+            own, sys.modules["__main__"] = sys.modules["__main__"], program
+            try:
+                with redirect_stdout(output):
+                    exec(compile(block, page, "exec", dont_inherit=True), names)
+            finally:
+                sys.modules["__main__"] = own
+            yield expected(block), output.getvalue().splitlines(), names
 
 
 def agrees(shown: str, printed: str) -> bool:

@@ -188,15 +188,12 @@ class ImpactLaw(ABC):
     @cached_property
     def _pieces(self) -> list[tuple[Array, Array]]:
         """Programs of the restitution, and of the slope, of each interval between `breaks`."""
-        from sympy import sympify, true
-
         from dynkit.systems.impact.elements.law_programs import program_of
 
         edges, u, found = (0.0, *self.breaks), self._velocity, []
         for k, low in enumerate(edges):
             inside = 0.5 * (low + edges[k + 1]) if k + 1 < len(edges) else 2.0 * low + 1.0
-            holds = {c: c.subs(u, inside) == true for c in self._conditions}
-            own = self._given.xreplace({c: sympify(holds[c]) for c in holds})
+            own = self._given.xreplace({c: c.subs(u, inside) for c in self._conditions})
             found.append((program_of(own, u), program_of((u * own).diff(u), u)))
         return found
 
