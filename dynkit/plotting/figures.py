@@ -33,12 +33,13 @@ DOTS: dict[str, Any] = {"linestyle": "none", "marker": "o", "markeredgewidth": 0
 
 @cache
 def _journal() -> Mapping[str, Any]:
-    """Return the settings of the style ``dynkit.plotting.journal`` without its colours."""
+    """Return the settings of the style ``dynkit.plotting.journal`` for what figures contain."""
     from matplotlib import rc_params_from_file
 
     file = Path(__file__).with_name("journal.mplstyle")
     settings = dict(rc_params_from_file(file, use_default_template=False))
-    return {name: settings[name] for name in settings if name != "axes.prop_cycle"}
+    others = "axes.prop_cycle", "figure.figsize", "figure.constrained_layout.use"
+    return {name: settings[name] for name in settings if name not in others}
 
 
 @contextmanager

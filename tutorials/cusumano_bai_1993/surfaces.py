@@ -194,7 +194,7 @@ def _draw(workshop: Workshop, number: str, surfaces: Sequence[_Surface]) -> None
     from matplotlib.figure import Figure
 
     rows = len(surfaces)
-    figure = Figure(figsize=(_WIDTH, _HEIGHT * rows), layout="none")
+    figure = Figure(figsize=(_WIDTH, _HEIGHT * rows))
     for row, surface in enumerate(surfaces):
         # the boxes are flat: they may overlap
         place = (-0.065, 1.0 - (row + 0.98) / rows, 1.0, 1.0 / rows)
