@@ -119,10 +119,12 @@ def is_of_event(place: float, located: Located, events: list[tuple[float, Locate
     """Whether a bifurcation is the effect of a GR or CB at the same value, within two steps.
 
     Where an orbit grazes two events may merge, or an impact vanish: the equations are singular, and
-    the parameter may turn, without a critical multiplier.
+    the parameter may turn, without a critical multiplier. Infinite errors say nothing of the value.
     """
+    if located.crossing.kind not in _OF_MULTIPLIERS or not np.isfinite(located.errors[-1]):
+        return False
     near = [event for other, event in events if abs(place - other) < 2.0]
-    return located.crossing.kind in _OF_MULTIPLIERS and any(_at(event, located) for event in near)
+    return any(np.isfinite(event.errors[-1]) and _at(event, located) for event in near)
 
 
 def is_of_symmetry(located: Located, centres: list[tuple[Array, float]], scale: Array) -> bool:

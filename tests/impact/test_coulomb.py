@@ -354,6 +354,24 @@ def test_flutter_by_friction_grows_as_its_eigenvalues_say() -> None:
 # --- chatter, energy, symmetries, derivatives ----------------------------------------------------
 
 
+def dropped(
+    pull: float, coefficient: float, restitution: float, tolerance: float, velocity: float = 0.0
+) -> MatrixOscillator:
+    """One body falls on a table, and rubs along it by its other coordinate."""
+    return MatrixOscillator(
+        M=np.diag([1.0, 1.3]),
+        C=[[0.05, 0.0], [0.0, 0.02]],
+        K=[[1.0, -0.3], [-0.3, 1.0]],
+        frequency=1.0,
+        constant_forces=[pull, -1.0],
+        chatter_tolerance=tolerance,
+        elements=[
+            HardStop(1, restitution=restitution, name="table"),
+            DryFriction(0, coefficient=coefficient, normal="table", velocity=velocity),
+        ],
+    )
+
+
 @pytest.mark.parametrize(
     ("coefficient", "velocity", "push", "pull"),
     [(0.3, 0.0, 1.0, 0.0), (0.5, 0.2, 0.2, 0.0), (0.8, 0.0, 0.0, 0.5), (0.5, 0.0, 0.0, 0.3)],
@@ -363,18 +381,7 @@ def test_the_tail_of_a_chatter_is_right_to_its_error(
     coefficient: float, velocity: float, push: float, pull: float, restitution: float
 ) -> None:
     def ends(tolerance: float) -> tuple[Array, float]:
-        machine = MatrixOscillator(
-            M=np.diag([1.0, 1.3]),
-            C=[[0.05, 0.0], [0.0, 0.02]],
-            K=[[1.0, -0.3], [-0.3, 1.0]],
-            frequency=1.0,
-            constant_forces=[pull, -1.0],
-            chatter_tolerance=tolerance,
-            elements=[
-                HardStop(1, restitution=restitution, name="table"),
-                DryFriction(0, coefficient=coefficient, normal="table", velocity=velocity),
-            ],
-        )
+        machine = dropped(pull, coefficient, restitution, tolerance, velocity)
         start = machine.state([0.0, 0.3], [push, 0.0])
         record = machine.simulate(impacts=4000, start=start)
         assert len(record) < 200
@@ -391,18 +398,7 @@ def test_the_tail_of_a_chatter_is_right_to_its_error(
 def test_rounding_does_not_turn_friction_back_and_forth_as_contact_begins() -> None:
     """Of what slips by 1e-18 rounding leaves no sign; some of these pulls show it anywhere."""
     for pull in np.linspace(0.05, 0.4, 60).tolist():
-        machine = MatrixOscillator(
-            M=np.diag([1.0, 1.3]),
-            C=[[0.05, 0.0], [0.0, 0.02]],
-            K=[[1.0, -0.3], [-0.3, 1.0]],
-            frequency=1.0,
-            constant_forces=[pull, -1.0],
-            chatter_tolerance=1e-50,
-            elements=[
-                HardStop(1, restitution=0.3, name="table"),
-                DryFriction(0, coefficient=0.5, normal="table"),
-            ],
-        )
+        machine = dropped(pull, 0.5, 0.3, 1e-50)
         record = machine.simulate(impacts=4000, start=machine.state([0.0, 0.3], [0.0, 0.0]))
         assert record.ending is Ending.CONTACT_FOR_EVER
         assert len(record.events.time) < len(record) + 10

@@ -8,6 +8,9 @@ import numpy as np
 import pytest
 
 from dynkit import Branch, continue_curve, continue_orbit
+from dynkit.continuation.crossings import Crossing, Located
+from dynkit.continuation.tracing import is_of_event
+from dynkit.orbits.kinds import BifurcationKind
 from dynkit.systems import ImpactChain, MatrixOscillator, SoftStop
 from tests.reference.random_machines import random_machine
 from tests.validation.curves import _oscillators as oscillators
@@ -87,3 +90,27 @@ def test_no_fold_where_friction_only_just_sticks() -> None:
     folds = [found.value for found in branch.bifurcations if found.kind == "SN"]
     assert len(values) >= 2
     assert all(min(abs(fold - value) for value in values) > 1e-6 for fold in folds)
+
+
+def located(kind: str, value: float, event: int = -1, error: float = 1e-13) -> Located:
+    crossing, none = Crossing(BifurcationKind(kind), event), np.empty(0)
+    p, errors = np.array([value]), np.array([error])
+    return Located(crossing, none, none, p, errors, None, none, (), 0.0, 0)
+
+
+def test_what_is_the_effect_of_a_grazing_is_at_its_value_and_place() -> None:
+    grazing = [(7.5, located("GR", 0.5, event=0))]
+    assert is_of_event(8.9, located("SN", 0.5), grazing)
+    assert is_of_event(7.5, located("NS", 0.5 + 3e-13), grazing)
+    assert not is_of_event(9.6, located("SN", 0.5), grazing)
+    assert not is_of_event(7.6, located("PD", 0.5 + 1e-12), grazing)
+    assert not is_of_event(7.6, located("BP", 0.5), grazing)
+    assert not is_of_event(7.6, located("SN", 0.6, error=np.inf), grazing)
+    assert not is_of_event(7.6, located("SN", 0.6), [(7.5, located("GR", 0.5, 0, np.inf))])
+
+
+def test_a_label_has_no_multiplier_where_an_outcome_is_a_choice() -> None:
+    system, start = random_machine(417)
+    label = system.attractor(start=start, transient=300, impacts=40).label
+    assert str(label) == "P(2,1)"
+    assert np.isnan(label.multiplier)

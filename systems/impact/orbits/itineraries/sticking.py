@@ -63,7 +63,10 @@ def sticking_guess(system: ImpactMap, state: ImpactState, periods: int) -> Guess
     check_elements(system)
     for guess in released(system, state, periods, 1):
         return guess
-    raise ValueError(f"motion must be released by the table, and {periods} periods later again")
+    raise ValueError(
+        f"motion must be released by a stop, and {periods} periods later again; a release that "
+        "friction sets off does not count"
+    )
 
 
 def released(system: ImpactMap, state: ImpactState, periods: int, most: int) -> Iterator[Guess]:
