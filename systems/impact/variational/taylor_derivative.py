@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from dynkit.systems.impact.simulation.driven_structure import DrivenStructure
     from dynkit.systems.impact.simulation.trajectory import Trajectory
 
-_DIFFERENCES = 2.0**-50
+DIFFERENCES = 2.0**-50
 """Relative error of a force or a kick of which differences are taken."""
 
 
@@ -79,7 +79,7 @@ def hit(
             return mode.kick(k, given[:n], float(given[n]))
 
         here = np.append(x, phase)
-        by_place = numerical_derivative(kick, here, accuracy=_DIFFERENCES)[0]
+        by_place = numerical_derivative(kick, here, accuracy=DIFFERENCES)[0]
         moved = np.concatenate([disturbances[:n], disturbances[2 * n :]])
         out[n : 2 * n] -= (1.0 + r) * rate * (by_place @ moved)
     return out, by_rate
@@ -110,5 +110,5 @@ def gradient(mode: TaylorMode, number: int, state: Array) -> Array:
             return mode.balance(y)[1][[k]]
 
         here = np.concatenate([state[0, :n], state[1, :n], [np.arctan2(sine, cosine)]])
-        row = row + watch.force * numerical_derivative(force, here, accuracy=_DIFFERENCES)[0][0]
+        row = row + watch.force * numerical_derivative(force, here, accuracy=DIFFERENCES)[0][0]
     return np.asarray(row)

@@ -29,6 +29,7 @@ from dynkit.systems.impact.orbits.itineraries.motion import ItinerarySolution, L
 from dynkit.systems.impact.orbits.itineraries.openness import flights_are_open
 from dynkit.systems.impact.orbits.itineraries.responses import ResponseSolution, Windows, windows_of
 from dynkit.systems.impact.orbits.itineraries.shooting import ShootingSolution
+from dynkit.systems.impact.orbits.itineraries.taylor import TaylorSolution
 from dynkit.systems.impact.orbits.itineraries.terms import Terms
 from dynkit.systems.impact.orbits.machine import Machine, difference, moved
 from dynkit.systems.impact.orbits.orbit import NONE
@@ -82,7 +83,7 @@ def responds(oscillator: ImpactMap, itinerary: Itinerary, driven: bool) -> bool:
     That is so for impacts of one mode in which all motions have a restoring force.
     """
     stops = all(isinstance(element, HardStop) for element in oscillator._elements)
-    if not (driven and stops) or has_law(oscillator):
+    if not (driven and stops) or has_law(oscillator) or oscillator._motion is not None:
         return False
     one = all(e.kicked == e.mode and not any(e.mode.numbers) for e in itinerary)
     return one and not len(free_motion(oscillator._contact).neutral)
@@ -205,7 +206,8 @@ class ItineraryEquations(ImpactProblem):
         lap = Lap(np.append(phases, phases[0] + turns), turn, impulses, states)
         if self.responds:
             return ResponseSolution(scene, self.course, lap)
-        return ShootingSolution(scene, self.course, lap, self.pairs, self.driven)
+        kind = ShootingSolution if self.oscillator._motion is None else TaylorSolution
+        return kind(scene, self.course, lap, self.pairs, self.driven)
 
     # --- equations --------------------------------------------------------------------------------
 

@@ -129,9 +129,14 @@ class Seen(NamedTuple):
 
 
 def unknown_element(oscillator: ImpactMap) -> Element | None:
-    """The first element with a slider or a normal, which these equations do not describe."""
+    """The first element that these equations do not describe.
+
+    That is one with a slider, a normal, or along a function; and where energies are not quadratic
+    one that is no hard stop.
+    """
     for element in oscillator._elements:
-        if element.slider or element.leans_on:
+        smooth = oscillator._motion is not None and not isinstance(element, HardStop)
+        if element.slider or element.leans_on or element.curved or smooth:
             return element
     return None
 
@@ -142,12 +147,7 @@ def has_law(oscillator: ImpactMap) -> bool:
 
 
 def check_elements(oscillator: ImpactMap) -> None:
-    """Raise NotImplementedError where there is an `unknown_element`, or energies are smooth."""
-    if oscillator._motion is not None:
-        raise NotImplementedError(
-            "orbits by itinerary need quadratic energies, and those of this structure are not: "
-            "dynkit.periodic_orbit and attractor.periodic_orbit() find orbits of the map"
-        )
+    """Raise NotImplementedError where there is an `unknown_element`."""
     element = unknown_element(oscillator)
     if element is not None:
         raise NotImplementedError(
@@ -168,6 +168,14 @@ def regimes_of(oscillator: ImpactMap, numbers: Sequence[int]) -> Regimes:
         if automaton.modes[guard.mode] is mode and guard.watch.event != JUMP and not rests:
             watched.append((k, _number(now[k].guards, guard.watch)))
     return Regimes(tuple(numbers), tuple(sorted(sum(parts.grips(numbers), ()))), tuple(watched))
+
+
+def guard_of(oscillator: ImpactMap, regimes: Regimes, element: int, guard: int) -> int:
+    """Number of a guard among those of its mode, by its number in the regime of its element."""
+    mode = oscillator._automaton.mode(regimes.numbers)
+    own = oscillator._elements[element].regimes[regimes.numbers[element]].guards
+    found = (k == element and _number(own, watch) == guard for k, watch in mode.guards)
+    return list(found).index(True)
 
 
 def _number(guards: Sequence[Any], watch: Any) -> int:

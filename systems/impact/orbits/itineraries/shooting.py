@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from functools import cached_property
-from typing import Any, NamedTuple, final
+from typing import Any, NamedTuple
 
 import numpy as np
 from scipy.linalg import null_space
@@ -33,7 +33,6 @@ class Scene(NamedTuple):
     measures: Array
 
 
-@final
 class ShootingSolution(ItinerarySolution):
     """The motion of an itinerary from the states at its nodes, given phases and impulses.
 
@@ -204,6 +203,11 @@ class ShootingSolution(ItinerarySolution):
         """Whole states (n, D) just before the next events."""
         return self._way[2]
 
+    @cached_property
+    def moving(self) -> Any:
+        """Rates (n, D) of the states just before the next events."""
+        return (self.flows @ self.reached[:, :, None])[:, :, 0]
+
     @property
     def whole(self) -> Array:
         return np.asarray(self.after)
@@ -218,6 +222,11 @@ class ShootingSolution(ItinerarySolution):
                 for e in self.itinerary
             ]
         )
+
+    @property
+    def guarded(self) -> Any:
+        """What is zero at the events, (n,)."""
+        return (self.guards * self.before).sum(axis=1)
 
     @cached_property
     def rates(self) -> Any:
@@ -243,7 +252,7 @@ class ShootingSolution(ItinerarySolution):
     @property
     def left(self) -> Any:
         """What is left of the equations, (m,)."""
-        found = (self.guards * self.before).sum(axis=1)
+        found = self.guarded.copy()
         for i, event in enumerate(self.itinerary):
             if event.element < 0:
                 turns = np.rint(self.event_phases[i] / TWO_PI)
@@ -284,9 +293,8 @@ class ShootingSolution(ItinerarySolution):
                 after[:, n + j] += self.resets[i] @ self.kicks[i]
             changes.append(after)
             change = self.transitions[i] @ after
-            moving = self.flows[i] @ self.reached[i]
             for column, part in self._lasts(i, multiplier):
-                change[:, column] += part * moving
+                change[:, column] += part * self.moving[i]
             if i == n - 1 or i + 1 in self._node_of:
                 there = 0 if node == last else node + 1
                 out[self._own(node)] = change[:d]
@@ -324,17 +332,21 @@ class ShootingSolution(ItinerarySolution):
             for column, part in self._lasts(j, mu):
                 out[i, column] += factor * by_time * part
 
+    @property
+    def norms(self) -> Array:
+        """Times (n,) between events, in units of the fastest changes of scaled states."""
+        scaled = abs(self.flows) * self.measures / self.measures[:, None]
+        return np.asarray(scaled.sum(axis=1).max(axis=1) * abs(self.durations))
+
     @cached_property
     def rounded(self) -> Array:
         """What rounding may make of `reached`, (n, D), from `after`, to first order."""
         m = self.measures
-        scaled = abs(self.flows) * m / m[:, None]
-        norms = scaled.sum(axis=1).max(axis=1) * abs(self.durations)
         sizes = abs(self.transitions) @ abs(self.after)[:, :, None]
         level = (sizes[:, :, 0] / m).max(axis=1, keepdims=True)
         turned = 1.0 + abs(self.lap.phases).max()
-        late = turned / self.clock * abs(self.flows @ self.reached[:, :, None])[:, :, 0]
-        out = _ROUNDING * ((8.0 + norms[:, None]) * level * m + 2.0 * late)
+        late = turned / self.clock * abs(self.moving)
+        out = _ROUNDING * ((8.0 + self.norms[:, None]) * level * m + 2.0 * late)
         for i, chatter in self.chatters.items():
             # each impact rounds, and the last ones are replaced
             out[i] += _ROUNDING * chatter.run.impacts * level[i] * m + chatter.run.chatter_error
@@ -443,7 +455,7 @@ class ShootingSolution(ItinerarySolution):
 
     def acceleration(self, i: int) -> tuple[float, float]:
         k = self.hits[i]
-        row = self.machine.gap(int(self.sides[i])) @ self.flows[k] @ self.flows[k]
+        row = self.machine.rate(int(self.sides[i])) @ self.flows[k]
         return float(row @ self.after[k]), 64.0 * _ROUNDING * float(abs(row) @ abs(self.after[k]))
 
     @property
@@ -484,7 +496,7 @@ class ShootingSolution(ItinerarySolution):
         """
         d, found = self.dimension, []
         for i in range(self.events):
-            moving = self.flows[i - 1] @ self.before[i]
+            moving = self.moving[i - 1]
             passed = self.resets[i].copy()
             if i in self.impulse_of:
                 j = self.impulse_of[i]
@@ -493,10 +505,10 @@ class ShootingSolution(ItinerarySolution):
             rate = float(self.guards[i] @ moving)
             later = self.guards[i] / rate if rate and (self.driven or i) else 0.0 * self.guards[i]
             passed = self.transitions[i] @ (passed - np.outer(passed @ moving, later))
-            passed += np.outer(self.flows[i] @ self.reached[i], later)
+            passed += np.outer(self.moving[i], later)
             found.append(passed[:d, :d])
         if not self.driven:
-            moving = (self.flows[-1] @ self.reached[-1])[:d]
+            moving = self.moving[-1, :d]
             row = self.guards[0][:d]
             found[-1] -= np.outer(moving / (row @ moving), row @ found[-1])
         factors = np.array(found)
@@ -504,8 +516,7 @@ class ShootingSolution(ItinerarySolution):
         factors = factors * m / m[:, None]
         if self.course.sticks:
             factors = self._in_contact(factors)
-        scaled = abs(self.flows) * self.measures / self.measures[:, None]
-        grown = 16.0 + scaled.sum(axis=1).max(axis=1) * abs(self.durations)
+        grown = 16.0 + self.norms
         if self.course.sticks:
             grown = grown.sum() + np.zeros(len(factors))
         return factors, _ROUNDING * grown * abs(factors).max(axis=(1, 2), initial=0.0)

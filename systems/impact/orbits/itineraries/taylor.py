@@ -1,0 +1,234 @@
+"""Motions of several modes of structures whose energies are not quadratic: by Taylor's method."""
+
+from __future__ import annotations
+
+from functools import cached_property
+from itertools import pairwise
+from typing import TYPE_CHECKING, Any, final
+
+import numpy as np
+from numpy.polynomial import Chebyshev, chebyshev
+
+from dynkit.core.differences import numerical_derivative
+from dynkit.core.no_motion import CannotFollow, Diverged
+from dynkit.core.validation import Array
+from dynkit.orbits.newton import NoSolution
+from dynkit.systems.impact.orbits.flights import Curve
+from dynkit.systems.impact.orbits.itineraries.itinerary import guard_of
+from dynkit.systems.impact.orbits.itineraries.motion import ROUNDING
+from dynkit.systems.impact.orbits.itineraries.shooting import ShootingSolution
+from dynkit.systems.impact.variational.taylor_derivative import DIFFERENCES, gradient
+
+if TYPE_CHECKING:
+    from dynkit.systems.impact.modes.taylor_mode import TaylorMode
+    from dynkit.systems.impact.orbits.machine import Regimes
+
+_POINTS = 24
+"""Points of a step of Taylor's method at which what is watched is interpolated."""
+
+_NORM = 4.0
+"""Bound of the norm of a step's derivative: order 20 of a series whose terms fall to rounding."""
+
+
+@final
+class TaylorSolution(ShootingSolution):
+    """The motion of an itinerary where flights are those of Taylor's method.
+
+    States (D,) are positions, velocities, sine and cosine of the phase, and 1, as of those that are
+    linear. Rows of gaps and of their rates are the same as well. What differs are the flights, with
+    their derivatives by variational equations, contact forces, and kicks where the mass varies.
+    """
+
+    @cached_property
+    def modes(self) -> list[TaylorMode]:
+        """The modes (n,) that follow the events."""
+        return [self._mode(event.mode) for event in self.following]
+
+    def _mode(self, mode: Regimes) -> Any:
+        return self.oscillator._automaton.mode(mode.numbers)
+
+    def _short(self, z: Array) -> Array:
+        """A state (2, N + 1) of whole states (D,)."""
+        x, v = z[: self.dimension].reshape(2, -1)
+        return np.stack([np.append(x, z[-3]), np.append(v, z[-2])])
+
+    def _wide(self, rows: Array, z: Array) -> Array:
+        """Rows (..., D) of rows (..., 2N + 1) that end with derivatives by the phase of a state."""
+        by_phase = rows[..., -1:]
+        ends = by_phase * z[-2], -by_phase * z[-3], 0.0 * by_phase
+        return np.concatenate([rows[..., :-1], *ends], axis=-1)
+
+    def _rate(self, mode: TaylorMode, z: Array) -> Array:
+        """Rate (D,) of a state."""
+        (found,) = mode.rate(self._short(z)[None])
+        return np.concatenate([*found[:, :-1], found[:, -1], [0.0]])
+
+    # --- on the way -------------------------------------------------------------------------------
+
+    @cached_property
+    def _way(self) -> tuple[Any, Any, Any, Any, dict[int, Any]]:
+        n, d = self.events, self.dimension
+        before, after, reached = np.empty((3, n, d + 3))
+        flown, self._kicks, self._turned = np.zeros((n, d + 3, d + 3)), {}, {}
+        state: Any = None
+        for i, event in enumerate(self.itinerary):
+            state = self.lap.states[self._node_of[i]] if i in self._node_of else state
+            before[i, :d], before[i, d:] = state, self._turning[i]
+            pushed = before[i]
+            if event.kicked:
+                impulse = self.impulses[self.impulse_of[i]]
+                pushed = pushed + impulse * self._kick(i, event.kicked, before[i])
+            caught = self.machine.caught(event.mode, self.following[i].mode)
+            after[i] = caught @ pushed
+            reached[i], flown[i] = self._flight(i, after[i])
+            state = reached[i, :d]
+        return before, after, reached, flown, {}
+
+    def _kick(self, i: int, kicked: Regimes, z: Array) -> Array:
+        mode, k, n = self._mode(kicked), self.itinerary[i].element, self.dimension // 2
+        out = np.zeros(len(z))
+
+        def kick(given: Array) -> Array:
+            return np.asarray(mode.kick(k, given[:n], float(given[n])))
+
+        here = np.append(z[:n], np.arctan2(z[-3], z[-2]))
+        out[n : 2 * n] = kick(here)
+        if not mode.constant_kicks:
+            by_place = numerical_derivative(kick, here, accuracy=DIFFERENCES)[0]
+            rows = np.zeros((n, 2 * n + 1))
+            rows[:, :n], rows[:, -1] = by_place[:, :n], by_place[:, n]
+            self._turned[i] = self._wide(rows, z)
+        self._kicks[i] = out
+        return out
+
+    def _flight(self, i: int, z: Array) -> tuple[Array, Array]:
+        """State (D,) at the next event, and derivative (D, D) by the one after event `i`."""
+        lasts = float(self.durations[i])
+        try:
+            end, flow = self.modes[i].flow(self._short(z), lasts, self.itinerary[i].element)
+        except (Diverged, CannotFollow) as refusal:
+            raise NoSolution(str(refusal)) from refusal
+        out, (x, v) = np.zeros((len(z), len(z))), self.modes[i].motion(end)
+        out[: self.dimension] = self._wide(flow[:-1], z)
+        angle = self.clock * lasts
+        s, c = np.sin(angle), np.cos(angle)
+        out[-3:-1, -3:-1] = [[c, s], [-s, c]]
+        out[-1, -1] = 1.0
+        return np.concatenate([x, v, end[:, -1], [1.0]]), out
+
+    @property
+    def kicks(self) -> Any:
+        none = np.zeros(self.dimension + 3)
+        before = self.before
+        return np.array([self._kicks.get(i, none) for i in range(len(before))])
+
+    @cached_property
+    def resets(self) -> Any:
+        n, out = self.dimension // 2, []
+        for i, (event, after) in enumerate(zip(self.itinerary, self.following, strict=True)):
+            reset = np.eye(self.dimension + 3)
+            if len(self.before) and i in self._turned:
+                reset[n : 2 * n] += self.impulses[self.impulse_of[i]] * self._turned[i]
+            out.append(self.machine.caught(event.mode, after.mode) @ reset)
+        return np.array(out)
+
+    @cached_property
+    def moving(self) -> Any:
+        return np.array([self._rate(*pair) for pair in zip(self.modes, self.reached, strict=True)])
+
+    # --- what is watched --------------------------------------------------------------------------
+
+    def _watch(self, mode: Regimes, element: int, guard: int, z: Array) -> tuple[float, Array]:
+        """What an element watches there at a state, and its derivative (D,)."""
+        watch = self.machine.elements[element].regimes[mode.numbers[element]].guards[guard]
+        if not watch.force:
+            row = self.machine.watched(mode, element, guard)
+            return float(row @ z), row
+        there = self._mode(mode)
+        number, state = guard_of(self.oscillator, mode, element, guard), self._short(z)
+        return there.watched(number, state)[0], self._wide(gradient(there, number, state), z)
+
+    @cached_property
+    def _watched(self) -> tuple[Array, Array]:
+        values, rows = np.zeros(self.events), np.zeros((self.events, self.dimension + 3))
+        for i, (event, z) in enumerate(zip(self.itinerary, self.before, strict=True)):
+            if event.element >= 0:
+                values[i], rows[i] = self._watch(event.mode, event.element, event.guard, z)
+        return values, rows
+
+    @property
+    def guards(self) -> Any:
+        return self._watched[1]
+
+    @property
+    def guarded(self) -> Any:
+        return self._watched[0]
+
+    def acceleration(self, i: int) -> tuple[float, float]:
+        k, row = self.hits[i], self.machine.rate(int(self.sides[i]))
+        terms = row * self._rate(self.modes[k], self.after[k])
+        return float(terms.sum()), ROUNDING * float(abs(terms).sum())
+
+    def _path(self, i: int) -> tuple[Array, Any]:
+        """Ends (k + 1,) of the steps of a flight, and states (..., D) at durations in it."""
+        mode, start, lasts = self.modes[i], self._short(self.after[i]), float(self.durations[i])
+        begins, _, _ = mode._path(start, lasts)
+
+        def states(durations: Array) -> Array:
+            found = mode.after(start[None], np.zeros(len(durations), dtype=int), durations)
+            x, v = mode.motion(found)
+            turn = found[..., -1]
+            return np.concatenate([x, v, turn, np.ones((len(x), 1))], axis=1)
+
+        return np.append(begins[begins < lasts], lasts), states
+
+    def curve(self, i: int, element: int, guard: int = 0) -> Curve:
+        mode, (ends, states) = self.following[i].mode, self._path(i)
+        watch = self.machine.elements[element].regimes[mode.numbers[element]].guards[guard]
+        row, parts, size = self.machine.watched(mode, element, guard), [], 0.0
+        for begin, end in pairwise(ends.tolist()):
+            z = states(0.5 * (begin + end) + 0.5 * (end - begin) * _PLACES)
+            values = z @ row
+            if watch.force:
+                values = np.array([self._watch(mode, element, guard, here)[0] for here in z])
+            size = max(size, float((abs(z) @ abs(row)).max()))
+            parts.append(Chebyshev(_COEFFICIENTS @ values, domain=[begin, end]))
+        orders = [[part.deriv(k) if k else part for part in parts] for k in range(3)]
+
+        def at(times: Array, count: int) -> Array:
+            which = np.clip(np.searchsorted(ends, times, side="right") - 1, 0, len(parts) - 1)
+            out = np.empty((count, len(times)))
+            for k in np.unique(which).tolist():
+                here = which == k
+                out[:, here] = [own[k](times[here]) for own in orders[:count]]
+            return out
+
+        lasts = float(self.durations[i])
+        bend = max((float(abs(own(own.linspace(9)[0])).max()) for own in orders[2]), default=0.0)
+        return Curve(at, lasts, (size, bend))
+
+    @cached_property
+    def norms(self) -> Array:
+        return np.array([_NORM * (len(self._path(i)[0]) - 1) for i in range(self.events)])
+
+    # --- the motion -------------------------------------------------------------------------------
+
+    def change(self, change: Any) -> None:  # noqa: ARG002
+        """Not known: derivatives by parameters are differences."""
+
+    def passed(self, since: Array) -> Array:
+        begin = (self.event_phases - self.event_phases[0]) / self.clock
+        which = np.clip(np.searchsorted(begin, since, side="right") - 1, 0, None)
+        out = np.empty((len(since), self.dimension))
+        for i in np.unique(which).tolist():
+            here = which == i
+            out[here] = self._path(i)[1](np.maximum(since[here] - begin[i], 0.0))[:, :-3]
+        return out
+
+    def flown(self, i: int, phase: float) -> Array:
+        late = np.array([(phase - self.event_phases[i]) / self.clock])
+        return np.asarray(self._path(i)[1](late)[0, :-3])
+
+
+_PLACES = np.cos(np.pi * (np.arange(_POINTS) + 0.5) / _POINTS)
+_COEFFICIENTS = np.linalg.inv(chebyshev.chebvander(_PLACES, _POINTS - 1))
