@@ -67,6 +67,21 @@ def _variations(plan: Plan) -> Any:
     )
 
 
+@lru_cache(_MOST_KEPT)
+def _changing(plan: Plan, places: tuple[int, ...]) -> Any:
+    """The same, with the derivative by a change of some numbers, which are the last ones."""
+    from dynkit.systems.symbolic.taylor import heyoka
+
+    hy = heyoka("a structure whose energies are not quadratic")
+    variables, rates, _ = system_of(hy, plan)
+    part = hy.par[plan.size]
+    moved = {hy.par[p]: hy.par[p] + part * hy.par[plan.size + 1 + k] for k, p in enumerate(places)}
+    pairs = list(zip(variables, hy.subs(rates, moved), strict=True))
+    system = hy.var_ode_sys(pairs, [part])
+    large = len(system.sys) > _LARGE
+    return hy.taylor_adaptive(system, [0.0] * len(variables), compact_mode=large)
+
+
 @cache
 def _outcomes() -> tuple[int, int, int]:
     """Numbers of heyoka for a full step, the limit of steps, and the end of the duration."""
@@ -116,6 +131,7 @@ class Chart:
         self.back_x, self.back_v = back
         more = {k: len(self.to_x) + i for i, k in enumerate(curves)}
         self.places, self.speeds = dict(plan.stops) | more, dict((*plan.stops, *plan.rubs)) | more
+        self._changing: dict[tuple[int, ...], Any] = {}
         self.lock = RLock()
         self._plain = bool((self.to_x == np.eye(len(self.to_x))).all()) and not plan.rubs
 
@@ -304,3 +320,22 @@ class Chart:
         if int(outcome) != _outcomes()[2] or not np.isfinite(made.state).all():
             raise Diverged(f"the motion runs away within {duration:.6g} from {z.tolist()}")
         return np.array(made.state[:m]), np.array(made.state[m:]).reshape(m, m + 1)
+
+    @_alone
+    def changed(
+        self, z: Array, sine: float, cosine: float, duration: float, change: Array
+    ) -> Array:
+        """Change of coordinates (2 N,) after a duration by a change of the numbers."""
+        plain, m = self.plan.without_guards, 2 * len(self.to_x)
+        places = tuple(np.flatnonzero(change[: plain.size]).tolist())
+        if places not in self._changing:
+            self._changing[places] = copy.copy(_changing(plain.where(places), places))
+        made = self._changing[places]
+        pars = np.concatenate([self._pars[: plain.size], [0.0], change[list(places)]])
+        pars[0], made.time = math.atan2(sine, cosine), 0.0
+        made.pars[:] = pars[: len(made.pars)]  # those that are not in the equations may be missing
+        made.state[:m], made.state[m:] = self._bare(z), 0.0
+        outcome, *_ = made.propagate_until(duration)
+        if int(outcome) != _outcomes()[2] or not np.isfinite(made.state).all():
+            raise Diverged(f"the motion runs away within {duration:.6g} from {z.tolist()}")
+        return np.array(made.state[m:])

@@ -58,6 +58,23 @@ class Plan:
         return replace(self, kinds=kinds, guards=(), carries=False)
 
     @property
+    def size(self) -> int:
+        """How many numbers it has, with the phase and the frequency at the start."""
+        return self._first + len(self.kinds)
+
+    @property
+    def _first(self) -> int:
+        return 2 + len(self.equations.numbers) + sum(len(form.numbers) for _, form in self.curves)
+
+    def where(self, places: Sequence[int]) -> Plan:
+        """The same where numbers at some places are compiled as parameters."""
+        kinds = list(self.kinds)
+        for place in places:
+            if place >= self._first:
+                kinds[place - self._first] = 2
+        return replace(self, kinds=tuple(kinds))
+
+    @property
     def eliminates(self) -> bool:
         """Whether what holds is eliminated in expressions, as rows or masses are not constant."""
         held = any(k in self.held for k, _ in self.curves)

@@ -4,8 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from functools import cached_property
-from itertools import pairwise
-from typing import Any, final
+from typing import Any, NamedTuple, final
 
 import numpy as np
 
@@ -324,13 +323,18 @@ class TaylorMode:
         out = np.empty((len(durations), *starts.shape[1:]))
         for i in np.unique(which).tolist():
             (here,) = np.nonzero(np.asarray(which) == i)
-            begins, found, chart = self._path(starts[i], float(durations[here].max()))
-            step = np.searchsorted(begins[1:-1], durations[here], side="right")
-            for k in np.unique(step).tolist():
-                some = here[step == k]
-                out[some] = self._at(chart, found[k], starts[i], begins[k], durations[some])
-            out[here[durations[here] == 0.0]] = starts[i]
+            out[here] = self.path(starts[i], float(durations[here].max())).states(durations[here])
         return out
+
+    def path(self, start: Array, longest: float) -> Path:
+        """The motion from a start (2, N + 1) over a duration."""
+        chart = self.chart(self._near(start))
+        sine, cosine = start[:, -1].tolist()
+        z = self.settled(chart, chart.coordinates(start[0, :-1], start[1, :-1], sine, cosine))
+        begins, found = chart.path(z, sine, cosine, longest)
+        begins = np.minimum(begins, longest)
+        begins[-1] = longest
+        return Path(self, start, chart, begins, found)
 
     def flow(self, start: Array, duration: float, left: int = -1) -> tuple[Array, Array]:
         """State (2, N + 1) after a duration, and its derivative (2 N + 1, 2 N + 1).
@@ -354,12 +358,22 @@ class TaylorMode:
         whole[: 2 * n, -1] = back @ by_phase
         return self.states(np.stack(chart.motion(end, *turn)), *turn), whole
 
-    def _path(self, start: Array, longest: float) -> tuple[Array, Array, Chart]:
-        chart = self.chart(self._near(start))
-        sine, cosine = start[:, -1].tolist()
-        z = self.settled(chart, chart.coordinates(start[0, :-1], start[1, :-1], sine, cosine))
-        begins, found = chart.path(z, sine, cosine, longest)
-        return begins, found, chart
+    @property
+    def numbers(self) -> Array:
+        """All numbers on which flights depend, in the order of `changed`."""
+        return self._plain._pars
+
+    @property
+    def _plain(self) -> Chart:
+        """Positions and velocities themselves as coordinates."""
+        if () not in self._charts:
+            self._charts[()] = self._chart(())
+        return self._charts[()]
+
+    def changed(self, start: Array, duration: float, change: Array) -> Array:
+        """Change of positions and velocities (2 N,) after a duration by one of the numbers."""
+        (x, v), (sine, cosine) = self.motion(start), start[:, -1].tolist()
+        return self._plain.changed(np.concatenate([x, v]), sine, cosine, duration, change)
 
     def settled(self, chart: Chart, z: Array) -> Array:
         """Set gaps and slips of what holds and sticks to zero in coordinates (2 N,), in place."""
@@ -381,30 +395,50 @@ class TaylorMode:
         gaps = [abs(self.gap(k, x, v, sine, cosine)[0]) for k in stops]
         return stops[int(np.argmin(gaps))]
 
-    def _at(
-        self, chart: Chart, coefficients: Array, start: Array, begin: float, durations: Array
-    ) -> Array:
-        """States (m, 2, N + 1) by the polynomials of a step that begins after a duration."""
-        sine, cosine = start[:, -1].tolist()
-        angle = self.scene.excitation.frequency * durations
-        s, c = np.sin(angle), np.cos(angle)
-        sines, cosines = sine * c + cosine * s, cosine * c - sine * s
-        z = horner(coefficients, durations - begin)
-        x, v = chart.motion(z, sines, cosines)
-        return self.states(np.stack([x, v], axis=1), sines, cosines)
-
     def quadrature(self, start: Array, duration: float) -> tuple[Array, Array]:
         """Weights (m,) of Gauss-Legendre quadrature over a duration, and states (m, 2, N + 1)."""
-        begins, found, chart = self._path(start, duration)
-        begins = np.minimum(begins, duration)
-        begins[-1] = duration
+        path = self.path(start, duration)
         nodes, weights = np.polynomial.legendre.leggauss(_NODES)
-        all_weights, states = [], []
-        for k, (begin, end) in enumerate(pairwise(begins.tolist())):
-            half = 0.5 * (end - begin)
-            all_weights.append(half * weights)
-            states.append(self._at(chart, found[k], start, begin, begin + half * (nodes + 1.0)))
-        return np.concatenate(all_weights), np.concatenate(states)
+        half = 0.5 * np.diff(path.ends)[:, None]
+        times = path.ends[:-1, None] + half * (nodes + 1.0)
+        return (half * weights).ravel(), path.states(times.ravel())
+
+
+@final
+class Path(NamedTuple):
+    """A motion in one mode, as the polynomials of the steps of Taylor's method.
+
+    Attributes
+    ----------
+    mode : TaylorMode
+    start : (2, N + 1)
+    chart : Chart
+    ends : (k + 1,)
+        Durations at which steps begin and end.
+    coefficients : (k, 2 N, order + 1)
+    """
+
+    mode: TaylorMode
+    start: Array
+    chart: Chart
+    ends: Array
+    coefficients: Array
+
+    def states(self, durations: Array) -> Array:
+        """States (m, 2, N + 1) at durations (m,)."""
+        sine, cosine = self.start[:, -1].tolist()
+        angle = self.mode.scene.excitation.frequency * durations
+        s, c = np.sin(angle), np.cos(angle)
+        sines, cosines = sine * c + cosine * s, cosine * c - sine * s
+        step = np.searchsorted(self.ends[1:-1], durations, side="right")
+        z = np.empty((len(durations), self.coefficients.shape[1]))
+        for k in np.unique(step).tolist():
+            here = step == k
+            z[here] = horner(self.coefficients[k], durations[here] - self.ends[k])
+        x, v = self.chart.motion(z, sines, cosines)
+        out = self.mode.states(np.stack([x, v], axis=1), sines, cosines)
+        out[durations == 0.0] = self.start
+        return out
 
 
 ROUNDING = 2.0**-44

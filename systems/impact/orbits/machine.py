@@ -41,8 +41,14 @@ def numbers_of(oscillator: DrivenStructure) -> Array:
     o, excitation = oscillator, oscillator._excitation
     forces = [excitation.harmonic.real, excitation.harmonic.imag, excitation.constant]
     parts: list[Any] = [o.frequency, *forces, o.mass, o.damping_matrix, o.stiffness]
-    parts += [_numbers(element) for element in o._elements]
+    parts += [flight_numbers(o), *(_numbers(element) for element in o._elements)]
     return np.concatenate([np.ravel(part) for part in parts])
+
+
+def flight_numbers(oscillator: DrivenStructure) -> Array:
+    """Numbers of flights by Taylor's method; none where energies are quadratic."""
+    smooth = oscillator._motion is not None
+    return np.asarray(oscillator._automaton.modes[0].numbers) if smooth else np.empty(0)
 
 
 def _numbers(element: Element) -> Array:
@@ -106,6 +112,8 @@ class Numbers(NamedTuple):
         Real and imaginary parts of the harmonic forces, and constant forces.
     matrices : (3, N, N)
         Mass, damping and stiffness.
+    flight : (j,)
+        See `flight_numbers`.
     own : list of arrays
         Of each element.
     """
@@ -113,15 +121,17 @@ class Numbers(NamedTuple):
     frequency: Any
     forces: Any
     matrices: Any
+    flight: Any
     own: list[Any]
 
     @classmethod
     def split(cls, oscillator: DrivenStructure, numbers: Any) -> Numbers:
         """The parts of all numbers, in their order."""
         n = oscillator.degrees_of_freedom
-        ends = np.cumsum([1, 3 * n, 3 * n * n, *map(_count, oscillator._elements)])
-        first, forces, matrices, *own = np.split(numbers, ends[:-1])
-        return cls(first[0], forces.reshape(3, n), matrices.reshape(3, n, n), own)
+        counts = len(flight_numbers(oscillator)), *map(_count, oscillator._elements)
+        ends = np.cumsum([1, 3 * n, 3 * n * n, *counts])
+        first, forces, matrices, flight, *own = np.split(numbers, ends[:-1])
+        return cls(first[0], forces.reshape(3, n), matrices.reshape(3, n, n), flight, own)
 
 
 def _count(element: Element) -> int:
@@ -193,7 +203,9 @@ class Machine:
         numbers: Any = numbers_of(oscillator)
         if change is not None:
             numbers = numbers + 1j * STEP * change
-        self.frequency, forces, matrices, self._own = Numbers.split(oscillator, numbers)
+        self.frequency, forces, matrices, self.flight, self._own = Numbers.split(
+            oscillator, numbers
+        )
         self.mass, self.damping, self.stiffness = matrices
         self._given: Any = np.hstack([-self.stiffness, -self.damping, forces.T])
         self._modes: dict[Regimes, tuple[Any, Any]] = {}

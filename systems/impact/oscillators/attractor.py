@@ -170,7 +170,8 @@ class ImpactAttractor(Attractor):
         Returns
         -------
         ImpactOrbit
-            With sliders or energies that are not quadratic, a `MapOrbit`.
+            A `MapOrbit` where the equations by itinerary do not know an element: see
+            `ImpactOscillator.periodic_orbit`.
 
         Raises
         ------
@@ -188,7 +189,7 @@ class ImpactAttractor(Attractor):
         from dynkit.systems.impact.orbits.itineraries.itinerary import has_law, unknown_element
 
         smooth = self._system._motion is not None
-        known = unknown_element(self._system) is None and not smooth
+        known = unknown_element(self._system) is None
         if known and self._system._own and not self._system._excitation.turns:
             return orbit_near(self._system, self.final, 1)
         n, m = self.label.iterates, self.label.periods
@@ -201,7 +202,7 @@ class ImpactAttractor(Attractor):
         record = self._system.attractor(transient=rest, impacts=n, start=self.final).record
         if not known:
             return map_orbit(self._system, record.states)
-        if self._system._own or has_law(self._system) or m is None:
+        if self._system._own or has_law(self._system) or smooth or m is None:
             return orbit_near(self._system, record.final, m or 1)
         return orbit_of_motion(record, n, m)
 

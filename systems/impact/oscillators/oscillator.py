@@ -228,9 +228,10 @@ class ImpactOscillator(ImpactMap):
         NoConvergence
             When Newton's method does not converge from the guess.
         NotImplementedError
-            With sliders or friction with a coefficient, when a stop with an impact law is stuck to,
-            or when the energies are not quadratic: ``attractor.periodic_orbit()`` finds the orbits
-            of their map.
+            With sliders or friction with a coefficient, and when a stop with an impact law is stuck
+            to. Where energies are not quadratic, also in searches, with soft stops, friction or
+            stops along functions, and when a stop is stuck to: ``dynkit.periodic_orbit`` finds the
+            orbits of the map.
 
         Examples
         --------
@@ -244,7 +245,7 @@ class ImpactOscillator(ImpactMap):
         from dynkit.systems.impact.orbits.itineraries.itinerary import has_law
 
         others = impacts is phases is sides is None and not boolean("sticking", sticking)
-        if others and (self._own or has_law(self)):
+        if others and (self._own or has_law(self) or self._motion is not None):
             return orbit_from(self, periods, start)
         if start is not None:
             raise ValueError(f"start must be given with elements, and periods alone; got {start!r}")

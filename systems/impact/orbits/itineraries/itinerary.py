@@ -221,6 +221,11 @@ def events_seen(oscillator: ImpactMap, run: Trajectory, named: bool = True) -> S
         begin, before = float(parts.begin[k]), int(parts.mode[k - 1])
         guard = automaton.guards[parts.guard[k]]
         law: Any = getattr(oscillator._elements[guard.element], "restitution", None)
+        if parts.kind[k] == EventKind.CONTACT and oscillator._motion is not None:
+            raise NotImplementedError(
+                "orbits by itinerary must not stick to a stop where energies are not quadratic: "
+                "dynkit.periodic_orbit finds orbits of the map"
+            )
         if parts.kind[k] == EventKind.CONTACT and isinstance(law, ImpactLaw):
             raise NotImplementedError(
                 f"orbits by itinerary must not stick to a stop with an impact law; got {law!r}: "

@@ -14,13 +14,15 @@ from dynkit.core.no_motion import CannotFollow, Diverged
 from dynkit.core.validation import Array
 from dynkit.orbits.newton import NoSolution
 from dynkit.systems.impact.orbits.flights import Curve
-from dynkit.systems.impact.orbits.itineraries.itinerary import guard_of
-from dynkit.systems.impact.orbits.itineraries.motion import ROUNDING
-from dynkit.systems.impact.orbits.itineraries.shooting import ShootingSolution
+from dynkit.systems.impact.orbits.itineraries.divided import Pair
+from dynkit.systems.impact.orbits.itineraries.itinerary import Course, guard_of
+from dynkit.systems.impact.orbits.itineraries.motion import ROUNDING, Lap
+from dynkit.systems.impact.orbits.itineraries.shooting import Scene, ShootingSolution
+from dynkit.systems.impact.orbits.machine import STEP, Machine, Numbers
 from dynkit.systems.impact.variational.taylor_derivative import DIFFERENCES, gradient
 
 if TYPE_CHECKING:
-    from dynkit.systems.impact.modes.taylor_mode import TaylorMode
+    from dynkit.systems.impact.modes.taylor_mode import Path, TaylorMode
     from dynkit.systems.impact.orbits.machine import Regimes
 
 _POINTS = 24
@@ -37,7 +39,21 @@ class TaylorSolution(ShootingSolution):
     States (D,) are positions, velocities, sine and cosine of the phase, and 1, as of those that are
     linear. Rows of gaps and of their rates are the same as well. What differs are the flights, with
     their derivatives by variational equations, contact forces, and kicks where the mass varies.
+
+    With imaginary changes of the numbers of the machine it takes the motion without them, `still`.
     """
+
+    def __init__(
+        self,
+        scene: Scene,
+        course: Course,
+        lap: Lap,
+        pairs: list[Pair | None],
+        driven: bool,
+        still: TaylorSolution | None = None,
+    ) -> None:
+        super().__init__(scene, course, lap, pairs, driven)
+        self._still = still
 
     @cached_property
     def modes(self) -> list[TaylorMode]:
@@ -67,8 +83,8 @@ class TaylorSolution(ShootingSolution):
 
     @cached_property
     def _way(self) -> tuple[Any, Any, Any, Any, dict[int, Any]]:
-        n, d = self.events, self.dimension
-        before, after, reached = np.empty((3, n, d + 3))
+        n, d, kind = self.events, self.dimension, np.result_type(self.machine.frequency)
+        before, after, reached = np.empty((3, n, d + 3), dtype=kind)
         flown, self._kicks, self._turned = np.zeros((n, d + 3, d + 3)), {}, {}
         state: Any = None
         for i, event in enumerate(self.itinerary):
@@ -86,6 +102,9 @@ class TaylorSolution(ShootingSolution):
 
     def _kick(self, i: int, kicked: Regimes, z: Array) -> Array:
         mode, k, n = self._mode(kicked), self.itinerary[i].element, self.dimension // 2
+        if mode.constant_kicks:
+            self._kicks[i] = self.machine.kick(kicked, k)
+            return np.asarray(self._kicks[i])
         out = np.zeros(len(z))
 
         def kick(given: Array) -> Array:
@@ -93,16 +112,17 @@ class TaylorSolution(ShootingSolution):
 
         here = np.append(z[:n], np.arctan2(z[-3], z[-2]))
         out[n : 2 * n] = kick(here)
-        if not mode.constant_kicks:
-            by_place = numerical_derivative(kick, here, accuracy=DIFFERENCES)[0]
-            rows = np.zeros((n, 2 * n + 1))
-            rows[:, :n], rows[:, -1] = by_place[:, :n], by_place[:, n]
-            self._turned[i] = self._wide(rows, z)
+        by_place = numerical_derivative(kick, here, accuracy=DIFFERENCES)[0]
+        rows = np.zeros((n, 2 * n + 1))
+        rows[:, :n], rows[:, -1] = by_place[:, :n], by_place[:, n]
+        self._turned[i] = self._wide(rows, z)
         self._kicks[i] = out
         return out
 
     def _flight(self, i: int, z: Array) -> tuple[Array, Array]:
         """State (D,) at the next event, and derivative (D, D) by the one after event `i`."""
+        if self._still is not None:
+            return self._changed(self._still, i, z.imag / STEP), self._still.transitions[i]
         lasts = float(self.durations[i])
         try:
             end, flow = self.modes[i].flow(self._short(z), lasts, self.itinerary[i].element)
@@ -115,6 +135,14 @@ class TaylorSolution(ShootingSolution):
         out[-3:-1, -3:-1] = [[c, s], [-s, c]]
         out[-1, -1] = 1.0
         return np.concatenate([x, v, end[:, -1], [1.0]]), out
+
+    def _changed(self, still: TaylorSolution, i: int, change: Array) -> Array:
+        """The state (D,) at the next event, with imaginary changes by those after event `i`."""
+        start, lasts = self._short(still.after[i]), self.durations[i]
+        numbers = self.machine.flight.imag / STEP
+        out = still.transitions[i] @ change + still.moving[i] * lasts.imag / STEP
+        out[: self.dimension] += still.modes[i].changed(start, float(lasts.real), numbers)
+        return np.asarray(still.reached[i] + 1j * STEP * out)
 
     @property
     def kicks(self) -> Any:
@@ -138,19 +166,20 @@ class TaylorSolution(ShootingSolution):
 
     # --- what is watched --------------------------------------------------------------------------
 
-    def _watch(self, mode: Regimes, element: int, guard: int, z: Array) -> tuple[float, Array]:
+    def _watch(self, mode: Regimes, element: int, guard: int, z: Array) -> tuple[Any, Array]:
         """What an element watches there at a state, and its derivative (D,)."""
         watch = self.machine.elements[element].regimes[mode.numbers[element]].guards[guard]
         if not watch.force:
             row = self.machine.watched(mode, element, guard)
-            return float(row @ z), row
+            return row @ z, row
         there = self._mode(mode)
         number, state = guard_of(self.oscillator, mode, element, guard), self._short(z)
         return there.watched(number, state)[0], self._wide(gradient(there, number, state), z)
 
     @cached_property
     def _watched(self) -> tuple[Array, Array]:
-        values, rows = np.zeros(self.events), np.zeros((self.events, self.dimension + 3))
+        rows = np.zeros_like(self.before)
+        values = rows[:, 0].copy()
         for i, (event, z) in enumerate(zip(self.itinerary, self.before, strict=True)):
             if event.element >= 0:
                 values[i], rows[i] = self._watch(event.mode, event.element, event.guard, z)
@@ -169,25 +198,24 @@ class TaylorSolution(ShootingSolution):
         terms = row * self._rate(self.modes[k], self.after[k])
         return float(terms.sum()), ROUNDING * float(abs(terms).sum())
 
-    def _path(self, i: int) -> tuple[Array, Any]:
-        """Ends (k + 1,) of the steps of a flight, and states (..., D) at durations in it."""
-        mode, start, lasts = self.modes[i], self._short(self.after[i]), float(self.durations[i])
-        begins, _, _ = mode._path(start, lasts)
+    def _path(self, i: int) -> Path:
+        """The flight after event `i`."""
+        return self.modes[i].path(self._short(self.after[i]), float(self.durations[i]))
 
-        def states(durations: Array) -> Array:
-            found = mode.after(start[None], np.zeros(len(durations), dtype=int), durations)
-            x, v = mode.motion(found)
-            turn = found[..., -1]
-            return np.concatenate([x, v, turn, np.ones((len(x), 1))], axis=1)
+    def _at(self, i: int, durations: Array) -> Array:
+        """States (k, D) at durations (k,) after event `i`."""
+        return self._whole(self._path(i).states(durations))
 
-        return np.append(begins[begins < lasts], lasts), states
+    def _whole(self, states: Array) -> Array:
+        x, v = states[:, 0, :-1], states[:, 1, :-1]
+        return np.concatenate([x, v, states[..., -1], np.ones((len(x), 1))], axis=1)
 
     def curve(self, i: int, element: int, guard: int = 0) -> Curve:
-        mode, (ends, states) = self.following[i].mode, self._path(i)
+        mode, path = self.following[i].mode, self._path(i)
         watch = self.machine.elements[element].regimes[mode.numbers[element]].guards[guard]
         row, parts, size = self.machine.watched(mode, element, guard), [], 0.0
-        for begin, end in pairwise(ends.tolist()):
-            z = states(0.5 * (begin + end) + 0.5 * (end - begin) * _PLACES)
+        for begin, end in pairwise(path.ends.tolist()):
+            z = self._whole(path.states(0.5 * (begin + end) + 0.5 * (end - begin) * _PLACES))
             values = z @ row
             if watch.force:
                 values = np.array([self._watch(mode, element, guard, here)[0] for here in z])
@@ -196,7 +224,7 @@ class TaylorSolution(ShootingSolution):
         orders = [[part.deriv(k) if k else part for part in parts] for k in range(3)]
 
         def at(times: Array, count: int) -> Array:
-            which = np.clip(np.searchsorted(ends, times, side="right") - 1, 0, len(parts) - 1)
+            which = np.searchsorted(path.ends[1:-1], times, side="right")
             out = np.empty((count, len(times)))
             for k in np.unique(which).tolist():
                 here = which == k
@@ -209,12 +237,17 @@ class TaylorSolution(ShootingSolution):
 
     @cached_property
     def norms(self) -> Array:
-        return np.array([_NORM * (len(self._path(i)[0]) - 1) for i in range(self.events)])
+        return np.array([_NORM * (len(self._path(i).ends) - 1) for i in range(self.events)])
 
     # --- the motion -------------------------------------------------------------------------------
 
-    def change(self, change: Any) -> None:  # noqa: ARG002
-        """Not known: derivatives by parameters are differences."""
+    def change(self, change: tuple[Array, Numbers]) -> Array | None:
+        """Their derivative (m,) by a change of all numbers; None where masses vary."""
+        if not all(mode.constant_kicks for mode in self.modes):
+            return None
+        scene = self.scene._replace(machine=Machine(self.oscillator, change[0]))
+        there = TaylorSolution(scene, self.course, self.lap, self.pairs, self.driven, self)
+        return np.asarray(there.left.imag / STEP)
 
     def passed(self, since: Array) -> Array:
         begin = (self.event_phases - self.event_phases[0]) / self.clock
@@ -222,12 +255,12 @@ class TaylorSolution(ShootingSolution):
         out = np.empty((len(since), self.dimension))
         for i in np.unique(which).tolist():
             here = which == i
-            out[here] = self._path(i)[1](np.maximum(since[here] - begin[i], 0.0))[:, :-3]
+            out[here] = self._at(i, np.maximum(since[here] - begin[i], 0.0))[:, :-3]
         return out
 
     def flown(self, i: int, phase: float) -> Array:
         late = np.array([(phase - self.event_phases[i]) / self.clock])
-        return np.asarray(self._path(i)[1](late)[0, :-3])
+        return np.asarray(self._at(i, late)[0, :-3])
 
 
 _PLACES = np.cos(np.pi * (np.arange(_POINTS) + 0.5) / _POINTS)
