@@ -157,17 +157,20 @@ class Chart:
         made.pars[:] = self._pars[: len(made.pars)]
         return made
 
-    def shifts(self, sine: Any, cosine: Any) -> tuple[Any, Any]:
-        """What the motion of elements adds to coordinates, (..., N) of positions and velocities."""
+    def shifts(self, sine: Any, cosine: Any, one: Any = 1.0) -> tuple[Any, Any]:
+        """What the motion of elements adds to coordinates, (..., N) of positions and velocities.
+
+        It is linear in sine, cosine and one.
+        """
         shape = (*np.shape(sine), len(self.to_x))
         x, v = np.zeros(shape), np.zeros(shape)
         rate = self._pars[1]
         for k, p in self.plan.stops:
             sign, real, imaginary, offset = self._own[k, :4]
-            x[..., p] = sign * (offset + real * sine + imaginary * cosine)
+            x[..., p] = sign * (offset * one + real * sine + imaginary * cosine)
         for k, p in (*self.plan.stops, *self.plan.rubs):
             sign, real, imaginary, _, drift = self._own[k, :5]
-            v[..., p] = sign * (drift + rate * (real * cosine - imaginary * sine))
+            v[..., p] = sign * (drift * one + rate * (real * cosine - imaginary * sine))
         return x, v
 
     def coordinates(self, x: Array, v: Array, sine: float, cosine: float) -> Array:
@@ -194,10 +197,13 @@ class Chart:
         """Coordinates (2 N,) without gaps along functions."""
         return np.concatenate([part[: len(self.to_x)] for part in np.split(z, 2)])
 
-    def motion(self, z: Array, sine: Any, cosine: Any) -> tuple[Array, Array]:
-        """Positions and velocities (..., N) of coordinates (..., 2 N), or of those with gaps."""
+    def motion(self, z: Array, sine: Any, cosine: Any, one: Any = 1.0) -> tuple[Array, Array]:
+        """Positions and velocities (..., N) of coordinates (..., 2 N), or of those with gaps.
+
+        As series of all by time, where one is not 1.
+        """
         n, half = len(self.to_x), z.shape[-1] // 2
-        more_x, more_v = self.shifts(sine, cosine)
+        more_x, more_v = self.shifts(sine, cosine, one)
         x, v = z[..., :n] + more_x, z[..., half : half + n] + more_v
         if not self._plain:
             x, v = x @ self.back_x.T, v @ self.back_v.T

@@ -248,16 +248,16 @@ class TaylorMode:
     def _apart(self, numbers: Sequence[int]) -> bool:
         return independent(self.scene.rows[list(numbers)])
 
-    def _chart(self, hard: tuple[int, ...]) -> Chart:
+    def _chart(self, hard: tuple[int, ...], *, rubs: bool = True) -> Chart:
         scene, n = self.scene, self.bodies
-        rubs: list[int] = []
-        for k, element in enumerate(scene.elements):
+        slips: list[int] = []
+        for k, element in enumerate(scene.elements if rubs else ()):
             rubs_there = any(regime.sticks for regime in element.regimes)
-            if rubs_there and self._apart([*hard, *rubs, k]):
-                rubs.append(k)
+            if rubs_there and self._apart([*hard, *slips, k]):
+                slips.append(k)
         signs = np.array([element.sign for element in scene.elements], dtype=float)
         to, places = [], []
-        for chosen in (hard, (*hard, *rubs)):
+        for chosen in (hard, (*hard, *slips)):
             rows = scene.rows[list(chosen)]
             at = pivots_of(rows) if len(chosen) else []
             matrix = np.eye(n)
@@ -366,9 +366,9 @@ class TaylorMode:
     @property
     def _plain(self) -> Chart:
         """Positions and velocities themselves as coordinates."""
-        if () not in self._charts:
-            self._charts[()] = self._chart(())
-        return self._charts[()]
+        if (-1,) not in self._charts:
+            self._charts[-1,] = self._chart((), rubs=False)
+        return self._charts[-1,]
 
     def changed(self, start: Array, duration: float, change: Array) -> Array:
         """Change of positions and velocities (2 N,) after a duration by one of the numbers."""

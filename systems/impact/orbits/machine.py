@@ -14,7 +14,7 @@ function, Numerical Algorithms 53 (2010) 133-148.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any, NamedTuple, final
@@ -36,19 +36,17 @@ _AGREEMENT = 1e-12
 _DIFFERENCE = 1e-3
 
 
-def numbers_of(oscillator: DrivenStructure) -> Array:
-    """All numbers that its motion depends on: of the structure, its forces, and each element."""
+def numbers_of(oscillator: DrivenStructure, modes: Sequence[Regimes] = ()) -> Array:
+    """All numbers that its motion depends on: of the structure, its forces, and each element.
+
+    And those of flights by Taylor's method in some modes.
+    """
     o, excitation = oscillator, oscillator._excitation
     forces = [excitation.harmonic.real, excitation.harmonic.imag, excitation.constant]
     parts: list[Any] = [o.frequency, *forces, o.mass, o.damping_matrix, o.stiffness]
-    parts += [flight_numbers(o), *(_numbers(element) for element in o._elements)]
+    parts += [_numbers(element) for element in o._elements]
+    parts += [o._automaton.mode(mode.numbers).numbers for mode in modes]
     return np.concatenate([np.ravel(part) for part in parts])
-
-
-def flight_numbers(oscillator: DrivenStructure) -> Array:
-    """Numbers of flights by Taylor's method; none where energies are quadratic."""
-    smooth = oscillator._motion is not None
-    return np.asarray(oscillator._automaton.modes[0].numbers) if smooth else np.empty(0)
 
 
 def _numbers(element: Element) -> Array:
@@ -112,26 +110,25 @@ class Numbers(NamedTuple):
         Real and imaginary parts of the harmonic forces, and constant forces.
     matrices : (3, N, N)
         Mass, damping and stiffness.
-    flight : (j,)
-        See `flight_numbers`.
     own : list of arrays
         Of each element.
+    flights : (j,)
+        Of flights by Taylor's method, in some modes.
     """
 
     frequency: Any
     forces: Any
     matrices: Any
-    flight: Any
     own: list[Any]
+    flights: Any
 
     @classmethod
     def split(cls, oscillator: DrivenStructure, numbers: Any) -> Numbers:
         """The parts of all numbers, in their order."""
         n = oscillator.degrees_of_freedom
-        counts = len(flight_numbers(oscillator)), *map(_count, oscillator._elements)
-        ends = np.cumsum([1, 3 * n, 3 * n * n, *counts])
-        first, forces, matrices, flight, *own = np.split(numbers, ends[:-1])
-        return cls(first[0], forces.reshape(3, n), matrices.reshape(3, n, n), flight, own)
+        ends = np.cumsum([1, 3 * n, 3 * n * n, *map(_count, oscillator._elements)])
+        first, forces, matrices, *own, flights = np.split(numbers, ends)
+        return cls(first[0], forces.reshape(3, n), matrices.reshape(3, n, n), own, flights)
 
 
 def _count(element: Element) -> int:
@@ -147,10 +144,14 @@ class Changes:
     ----------
     system : callable
         The oscillator at values (l,) of the parameters.
+    modes : sequence of Regimes
+        In which flights are followed by Taylor's method.
     """
 
-    def __init__(self, system: Callable[[Array], DrivenStructure]) -> None:
-        self._system = system
+    def __init__(
+        self, system: Callable[[Array], DrivenStructure], modes: Sequence[Regimes] = ()
+    ) -> None:
+        self._system, self._modes = system, modes
         self._known: dict[tuple[int, bytes], tuple[Array, Numbers]] = {}
 
     def by(self, p: Array, k: int) -> tuple[Array, Numbers]:
@@ -162,7 +163,7 @@ class Changes:
         def numbers(value: float) -> Array:
             moved = p.copy()
             moved[k] = value
-            return numbers_of(self._system(moved))
+            return numbers_of(self._system(moved), self._modes)
 
         key = k, p[:k].tobytes() + p[k + 1 :].tobytes()
         if key not in self._known:
@@ -202,10 +203,8 @@ class Machine:
         self.free = Regimes((0,) * len(self.elements), ())
         numbers: Any = numbers_of(oscillator)
         if change is not None:
-            numbers = numbers + 1j * STEP * change
-        self.frequency, forces, matrices, self.flight, self._own = Numbers.split(
-            oscillator, numbers
-        )
+            numbers = numbers + 1j * STEP * change[: len(numbers)]
+        self.frequency, forces, matrices, self._own, _ = Numbers.split(oscillator, numbers)
         self.mass, self.damping, self.stiffness = matrices
         self._given: Any = np.hstack([-self.stiffness, -self.damping, forces.T])
         self._modes: dict[Regimes, tuple[Any, Any]] = {}

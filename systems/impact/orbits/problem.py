@@ -19,7 +19,7 @@ from dynkit.orbits.newton import NoSolution
 from dynkit.orbits.problem import PeriodicProblem
 from dynkit.systems.impact.elements.laws import ImpactLaw
 from dynkit.systems.impact.orbits.borders import Border
-from dynkit.systems.impact.orbits.machine import Changes
+from dynkit.systems.impact.orbits.machine import Changes, Regimes
 from dynkit.systems.impact.orbits.orbit import ImpactOrbit
 from dynkit.systems.impact.simulation.state import TWO_PI
 
@@ -83,9 +83,15 @@ class ImpactProblem(PeriodicProblem, WatchedProblem):
         self.periods = periods
         self.itinerary = itinerary
         self.sizes = sizes
-        self._changes = Changes(self.system)
+        self._changes = Changes(self.system, self._flights)
         self._known: list[tuple[bytes, Any]] = []
         self._last: tuple[bytes, Any] | None = None
+
+    @property
+    def _flights(self) -> Sequence[Regimes]:
+        """The modes in which flights are followed by Taylor's method."""
+        smooth = self.oscillator._motion is not None
+        return sorted({event.mode for event in self.itinerary}) if smooth else ()
 
     @final
     def remade(self, **changes: Any) -> Self:

@@ -187,9 +187,8 @@ class Beginning(Border):
     def value(self, solution: ItinerarySolution) -> float:
         assert isinstance(solution, ShootingSolution)
         event, mode, element, guard, sign = self.begun
-        row = solution.machine.watched(mode, element, guard)
-        size = abs(row) @ solution.measures
-        return float(sign * (row @ solution.after[event]) / size)
+        value, row = solution.watch(mode, element, guard, solution.after[event])
+        return float(sign * value / (abs(row) @ solution.measures))
 
     def left(self, solution: Any, own: Array) -> Any:  # noqa: ARG002
         return [self.value(solution)]

@@ -73,41 +73,49 @@ def value(s: Any, i: int, pair: Pair) -> Any:
     """The guard of event `i`, over the time since the first one, to the power of the order."""
     among, row = _between(s, i, pair), s.guards[i]
     if len(among) == 1:
-        j, q = among[0], pair.order
-        return _rows(s, j, row, q)[q] @ (np.linalg.matrix_power(s.flows[j], q) @ s.after[j])
-    rises = [s.durations[j] * (_rows(s, j, row, 1)[1] @ (s.flows[j] @ s.after[j])) for j in among]
-    return sum(rises) / _whole(s, among)
+        return s.quotient(among[0], row, pair.order)
+    return sum(s.rise(j, row) for j in among) / _whole(s, among)
 
 
 def derivatives(s: Any, i: int, pair: Pair) -> Iterator[tuple[int, Array, float]]:
     """Derivatives of it by each state (D,) just after an event, and by the time to the next."""
     among, row = _between(s, i, pair), s.guards[i]
     if len(among) == 1:
-        j, q = among[0], pair.order
-        rows, flow = _rows(s, j, row, q + 1), s.flows[j]
-        power = np.linalg.matrix_power(flow, q)
-        late = (rows[q] - q * rows[q + 1]) @ (flow @ (power @ s.after[j]))
-        yield j, rows[q] @ power, float(late)
+        yield among[0], *s.quotient_change(among[0], row, pair.order)
         return
     whole, ratio = _whole(s, among), value(s, i, pair)
     for j in among:
-        by_state = s.durations[j] * (_rows(s, j, row, 1)[1] @ s.flows[j]) / whole
-        late = row @ (s.flows[j] @ s.reached[j])
-        yield j, by_state, float((late - ratio) / whole)
+        yield j, s.rise_change(j, row) / whole, float((row @ s.moving[j] - ratio) / whole)
+
+
+def quotient(s: Any, j: int, row: Any, q: int) -> Any:
+    """A row of the state at the end of linear flight `j`, over its duration to the power of q.
+
+    Without what its value and first derivatives at the begin make of it.
+    """
+    return rows_of(s, j, row, q)[q] @ (np.linalg.matrix_power(s.flows[j], q) @ s.after[j])
+
+
+def quotient_change(s: Any, j: int, row: Any, q: int) -> tuple[Any, float]:
+    """Derivatives of it by the state (D,) at the begin, and by the duration."""
+    rows, flow = rows_of(s, j, row, q + 1), s.flows[j]
+    power = np.linalg.matrix_power(flow, q)
+    return rows[q] @ power, float((rows[q] - q * rows[q + 1]) @ (flow @ (power @ s.after[j])))
 
 
 def rounding(s: Any, i: int, pair: Pair) -> float:
     """What rounding may make of the value, to first order."""
-    among, row = _between(s, i, pair), abs(s.guards[i])
-    found, measures = 0.0, s.measures
-    for j in among:
-        flow, lasts = abs(s.flows[j]), abs(float(s.durations[j]))
-        norm = float((flow * measures / measures[:, None]).sum(axis=1).max()) * lasts
-        power = np.linalg.matrix_power(flow, pair.order)
-        terms = (row + abs(_rows(s, j, s.guards[i], pair.order)[pair.order])) @ power
-        level = float(terms @ measures) * float((abs(s.after[j]) / measures).max())
-        found = max(found, (16.0 + norm) * level)
-    return _ROUNDING * found * float(1.0 + abs(s.lap.phases).max())
+    found = max(s.quotient_rounding(j, s.guards[i], pair.order) for j in _between(s, i, pair))
+    return float(found) * float(1.0 + abs(s.lap.phases).max())
+
+
+def quotient_rounding(s: Any, j: int, row: Any, q: int) -> float:
+    """What rounding may make of a `quotient`, in units of a turn."""
+    flow, lasts, measures = abs(s.flows[j]), abs(float(s.durations[j])), s.measures
+    norm = float((flow * measures / measures[:, None]).sum(axis=1).max()) * lasts
+    terms = (abs(row) + abs(rows_of(s, j, row, q)[q])) @ np.linalg.matrix_power(flow, q)
+    level = float(terms @ measures) * float((abs(s.after[j]) / measures).max())
+    return _ROUNDING * (16.0 + norm) * level
 
 
 def _whole(s: Any, among: list[int]) -> Any:
@@ -117,7 +125,7 @@ def _whole(s: Any, among: list[int]) -> Any:
     return whole
 
 
-def _rows(s: Any, j: int, row: Any, most: int) -> list[Any]:
+def rows_of(s: Any, j: int, row: Any, most: int) -> list[Any]:
     """Rows h, h phi_1(A t), ... up to that number, A t of the time after event `j`.
 
     phi_0 is the exponential function, and x phi_k+1(x) = phi_k(x) - 1/k!.

@@ -131,12 +131,10 @@ class Seen(NamedTuple):
 def unknown_element(oscillator: ImpactMap) -> Element | None:
     """The first element that these equations do not describe.
 
-    That is one with a slider, a normal, or along a function; and where energies are not quadratic
-    one that is no hard stop.
+    That is one with a slider, a normal, or along a function.
     """
     for element in oscillator._elements:
-        smooth = oscillator._motion is not None and not isinstance(element, HardStop)
-        if element.slider or element.leans_on or element.curved or smooth:
+        if element.slider or element.leans_on or element.curved:
             return element
     return None
 

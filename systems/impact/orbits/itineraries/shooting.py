@@ -18,7 +18,14 @@ from dynkit.systems.impact.orbits.itineraries.chatter import Chatter
 from dynkit.systems.impact.orbits.itineraries.itinerary import Course
 from dynkit.systems.impact.orbits.itineraries.motion import ROUNDING, ItinerarySolution, Lap
 from dynkit.systems.impact.orbits.itineraries.simulated import is_motion
-from dynkit.systems.impact.orbits.machine import STEP, Machine, Numbers, moved, run_through
+from dynkit.systems.impact.orbits.machine import (
+    STEP,
+    Machine,
+    Numbers,
+    Regimes,
+    moved,
+    run_through,
+)
 from dynkit.systems.impact.simulation.sampling import sample_run
 from dynkit.systems.impact.simulation.state import TWO_PI
 
@@ -223,6 +230,11 @@ class ShootingSolution(ItinerarySolution):
             ]
         )
 
+    def watch(self, mode: Regimes, element: int, guard: int, z: Any) -> tuple[Any, Any]:
+        """What an element watches there at a state (D,), and its derivative (D,)."""
+        row = self.machine.watched(mode, element, guard)
+        return row @ z, row
+
     @property
     def guarded(self) -> Any:
         """What is zero at the events, (n,)."""
@@ -337,6 +349,27 @@ class ShootingSolution(ItinerarySolution):
         """Times (n,) between events, in units of the fastest changes of scaled states."""
         scaled = abs(self.flows) * self.measures / self.measures[:, None]
         return np.asarray(scaled.sum(axis=1).max(axis=1) * abs(self.durations))
+
+    def quotient(self, j: int, row: Any, q: int) -> Any:
+        """A row of the state at the end of a flight, over a power of its duration: see `divided`."""
+        return divided.quotient(self, j, row, q)
+
+    def quotient_change(self, j: int, row: Any, q: int) -> tuple[Any, float]:
+        """Derivatives of it by the state (D,) at the begin, and by the duration."""
+        return divided.quotient_change(self, j, row, q)
+
+    def quotient_rounding(self, j: int, row: Any, q: int) -> float:
+        """What rounding may make of it, in units of a turn."""
+        return divided.quotient_rounding(self, j, row, q)
+
+    def rise(self, j: int, row: Any) -> Any:
+        """Change of a row of the state in a flight."""
+        rows = divided.rows_of(self, j, row, 1)
+        return self.durations[j] * (rows[1] @ (self.flows[j] @ self.after[j]))
+
+    def rise_change(self, j: int, row: Any) -> Any:
+        """Derivative of it by the state (D,) at the begin."""
+        return self.durations[j] * (divided.rows_of(self, j, row, 1)[1] @ self.flows[j])
 
     @cached_property
     def rounded(self) -> Array:

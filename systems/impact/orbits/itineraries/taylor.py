@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from functools import cached_property
+from functools import cached_property, partial
 from itertools import pairwise
 from typing import TYPE_CHECKING, Any, final
 
 import numpy as np
-from numpy.polynomial import Chebyshev, chebyshev
+from numpy.polynomial import Chebyshev, chebyshev, polynomial
+from scipy.special import factorial
 
 from dynkit.core.differences import numerical_derivative
 from dynkit.core.no_motion import CannotFollow, Diverged
@@ -15,18 +16,25 @@ from dynkit.core.validation import Array
 from dynkit.orbits.newton import NoSolution
 from dynkit.systems.impact.orbits.flights import Curve
 from dynkit.systems.impact.orbits.itineraries.divided import Pair
-from dynkit.systems.impact.orbits.itineraries.itinerary import Course, guard_of
+from dynkit.systems.impact.orbits.itineraries.itinerary import Course, Happening, guard_of
 from dynkit.systems.impact.orbits.itineraries.motion import ROUNDING, Lap
 from dynkit.systems.impact.orbits.itineraries.shooting import Scene, ShootingSolution
 from dynkit.systems.impact.orbits.machine import STEP, Machine, Numbers
 from dynkit.systems.impact.variational.taylor_derivative import DIFFERENCES, gradient
 
 if TYPE_CHECKING:
+    from dynkit.systems.impact.elements.element import Watch
     from dynkit.systems.impact.modes.taylor_mode import Path, TaylorMode
     from dynkit.systems.impact.orbits.machine import Regimes
 
 _POINTS = 24
 """Points of a step of Taylor's method at which what is watched is interpolated."""
+
+_SMALL = 2.0**-50
+"""Of the largest term: a series whose last terms are smaller is summed."""
+
+_LEAST = 1e-4
+"""Turns of the phase over two pi: derivatives of divided differences are taken over no less."""
 
 _NORM = 4.0
 """Bound of the norm of a step's derivative: order 20 of a series whose terms fall to rounding."""
@@ -40,7 +48,8 @@ class TaylorSolution(ShootingSolution):
     linear. Rows of gaps and of their rates are the same as well. What differs are the flights, with
     their derivatives by variational equations, contact forces, and kicks where the mass varies.
 
-    With imaginary changes of the numbers of the machine it takes the motion without them, `still`.
+    With imaginary changes of the numbers of the machine it takes the motion without them, `still`,
+    and the changes of the numbers of flights by modes.
     """
 
     def __init__(
@@ -51,9 +60,10 @@ class TaylorSolution(ShootingSolution):
         pairs: list[Pair | None],
         driven: bool,
         still: TaylorSolution | None = None,
+        flights: Any = None,
     ) -> None:
         super().__init__(scene, course, lap, pairs, driven)
-        self._still = still
+        self._still, self._flights = still, flights
 
     @cached_property
     def modes(self) -> list[TaylorMode]:
@@ -123,7 +133,9 @@ class TaylorSolution(ShootingSolution):
         """State (D,) at the next event, and derivative (D, D) by the one after event `i`."""
         if self._still is not None:
             return self._changed(self._still, i, z.imag / STEP), self._still.transitions[i]
-        lasts = float(self.durations[i])
+        return self._moved(i, z, float(self.durations[i]))
+
+    def _moved(self, i: int, z: Array, lasts: float) -> tuple[Array, Array]:
         try:
             end, flow = self.modes[i].flow(self._short(z), lasts, self.itinerary[i].element)
         except (Diverged, CannotFollow) as refusal:
@@ -139,9 +151,10 @@ class TaylorSolution(ShootingSolution):
     def _changed(self, still: TaylorSolution, i: int, change: Array) -> Array:
         """The state (D,) at the next event, with imaginary changes by those after event `i`."""
         start, lasts = self._short(still.after[i]), self.durations[i]
-        numbers = self.machine.flight.imag / STEP
+        numbers = self._flights[self.following[i].mode]
         out = still.transitions[i] @ change + still.moving[i] * lasts.imag / STEP
         out[: self.dimension] += still.modes[i].changed(start, float(lasts.real), numbers)
+        out[self.dimension :] = 0.0  # phases are given
         return np.asarray(still.reached[i] + 1j * STEP * out)
 
     @property
@@ -166,10 +179,13 @@ class TaylorSolution(ShootingSolution):
 
     # --- what is watched --------------------------------------------------------------------------
 
-    def _watch(self, mode: Regimes, element: int, guard: int, z: Array) -> tuple[Any, Array]:
-        """What an element watches there at a state, and its derivative (D,)."""
-        watch = self.machine.elements[element].regimes[mode.numbers[element]].guards[guard]
-        if not watch.force:
+    def _observed(self, event: Happening) -> Watch:
+        """What is zero at an event."""
+        own = self.machine.elements[event.element].regimes[event.mode.numbers[event.element]]
+        return own.guards[event.guard]
+
+    def watch(self, mode: Regimes, element: int, guard: int, z: Array) -> tuple[Any, Array]:
+        if not self._observed(Happening(mode, element, guard)).force:
             row = self.machine.watched(mode, element, guard)
             return row @ z, row
         there = self._mode(mode)
@@ -182,7 +198,7 @@ class TaylorSolution(ShootingSolution):
         values = rows[:, 0].copy()
         for i, (event, z) in enumerate(zip(self.itinerary, self.before, strict=True)):
             if event.element >= 0:
-                values[i], rows[i] = self._watch(event.mode, event.element, event.guard, z)
+                values[i], rows[i] = self.watch(event.mode, event.element, event.guard, z)
         return values, rows
 
     @property
@@ -200,7 +216,7 @@ class TaylorSolution(ShootingSolution):
 
     def _path(self, i: int) -> Path:
         """The flight after event `i`."""
-        return self.modes[i].path(self._short(self.after[i]), float(self.durations[i]))
+        return self.modes[i].path(self._short(self.after[i]), max(float(self.durations[i]), 0.0))
 
     def _at(self, i: int, durations: Array) -> Array:
         """States (k, D) at durations (k,) after event `i`."""
@@ -212,13 +228,13 @@ class TaylorSolution(ShootingSolution):
 
     def curve(self, i: int, element: int, guard: int = 0) -> Curve:
         mode, path = self.following[i].mode, self._path(i)
-        watch = self.machine.elements[element].regimes[mode.numbers[element]].guards[guard]
+        watch = self._observed(Happening(mode, element, guard))
         row, parts, size = self.machine.watched(mode, element, guard), [], 0.0
         for begin, end in pairwise(path.ends.tolist()):
             z = self._whole(path.states(0.5 * (begin + end) + 0.5 * (end - begin) * _PLACES))
             values = z @ row
             if watch.force:
-                values = np.array([self._watch(mode, element, guard, here)[0] for here in z])
+                values = np.array([self.watch(mode, element, guard, here)[0] for here in z])
             size = max(size, float((abs(z) @ abs(row)).max()))
             parts.append(Chebyshev(_COEFFICIENTS @ values, domain=[begin, end]))
         orders = [[part.deriv(k) if k else part for part in parts] for k in range(3)]
@@ -239,14 +255,82 @@ class TaylorSolution(ShootingSolution):
     def norms(self) -> Array:
         return np.array([_NORM * (len(self._path(i).ends) - 1) for i in range(self.events)])
 
+    # --- divided differences ----------------------------------------------------------------------
+
+    def _series(self, j: int, row: Array) -> tuple[Array, bool]:
+        """Taylor coefficients (k,) of a row at the begin of a flight; if its end is within reach."""
+        path, w = self._path(j), self.oscillator.frequency
+        order = np.arange(path.coefficients.shape[2])
+        z, weights = path.coefficients[0].T, w**order / factorial(order)
+        phase = np.arctan2(*self.after[j, -3:-1]) + 0.5 * np.pi * order
+        sines, cosines = weights * np.sin(phase), weights * np.cos(phase)
+        one = (order == 0) * 1.0
+        motion = np.concatenate(path.chart.motion(z, sines, cosines, one), axis=1)
+        found = motion @ row[:-3] + sines * row[-3] + cosines * row[-2]
+        found[0] += row[-1]
+        if self.durations[j] > 0.0:
+            return found, len(path.ends) == 2
+        terms = abs(motion) @ abs(row[:-3]) * abs(self.durations[j]) ** order
+        return found, bool(terms[-2:].max() <= _SMALL * terms.max())
+
+    def quotient(self, j: int, row: Any, q: int) -> Any:
+        t = self.durations[j]
+        if self._still is None:
+            series, near = self._series(j, row)
+            if near:
+                return polynomial.polyval(t, series[q:])
+        rise = self.rise(j, row)
+        return (rise if q == 1 else rise - t * (row @ self._rate(self.modes[j], self.after[j]))) / t**q
+
+    def quotient_change(self, j: int, row: Any, q: int) -> tuple[Any, float]:
+        t, mode = float(self.durations[j]), self.modes[j]
+        series, near = self._series(j, row)
+        value, start = self.quotient(j, row, q), self.after[j]
+        if near:
+            late = polynomial.polyval(t, polynomial.polyder(series[q:]))
+        else:
+            begun = row @ self._rate(mode, start) if q > 1 else 0.0
+            late = ((row @ self.moving[j] - begun) / t ** (q - 1) - q * value) / t
+        least, flown = _LEAST / self.clock, self.transitions[j]
+        if abs(t) < least:  # there it hardly depends on the duration
+            t = least
+            _, flown = self._moved(j, start, t)
+        by_state = row @ flown - row
+        if q > 1:
+            rate = partial(self._rate, mode)
+            by_state -= t * (row @ numerical_derivative(rate, start, accuracy=DIFFERENCES)[0])
+        return by_state / t**q, float(late)
+
+    def quotient_rounding(self, j: int, row: Any, q: int) -> float:
+        series, near = self._series(j, row)
+        t = abs(float(self.durations[j]))
+        level = polynomial.polyval(t, abs(series[q:])) if near else 0.0
+        size = float(abs(row) @ np.maximum(abs(self.after[j]), abs(self.reached[j])))
+        return ROUNDING * float(level if near else size / t**q)
+
+    def rise(self, j: int, row: Any) -> Any:
+        return row @ (self.reached[j] - self.after[j])
+
+    def rise_change(self, j: int, row: Any) -> Any:
+        return row @ self.transitions[j] - row
+
     # --- the motion -------------------------------------------------------------------------------
 
     def change(self, change: tuple[Array, Numbers]) -> Array | None:
-        """Their derivative (m,) by a change of all numbers; None where masses vary."""
-        if not all(mode.constant_kicks for mode in self.modes):
+        """Their derivative (m,) by a change of all numbers; None where it is not known.
+
+        That is where masses vary, or something sticks.
+        """
+        sticks = any(event.mode.held for event in self.itinerary)
+        if sticks or not all(mode.constant_kicks for mode in self.modes):
             return None
+        modes = sorted({event.mode for event in self.itinerary})
+        flights = {mode: self._mode(mode).numbers for mode in modes}
+        ends = np.cumsum([len(numbers) for numbers in flights.values()])
+        parts = dict(zip(flights, np.split(change[1].flights, ends[:-1]), strict=True))
         scene = self.scene._replace(machine=Machine(self.oscillator, change[0]))
-        there = TaylorSolution(scene, self.course, self.lap, self.pairs, self.driven, self)
+        given = scene, self.course, self.lap, self.pairs, self.driven
+        there = TaylorSolution(*given, self, parts)
         return np.asarray(there.left.imag / STEP)
 
     def passed(self, since: Array) -> Array:
