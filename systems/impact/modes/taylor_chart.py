@@ -12,6 +12,7 @@ from __future__ import annotations
 import copy
 import math
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 from functools import cache, cached_property, lru_cache, wraps
 from threading import RLock
 from typing import Any, final
@@ -67,19 +68,44 @@ def _variations(plan: Plan) -> Any:
     )
 
 
+def _moved(hy: Any, plan: Plan, places: tuple[int, ...], given: list[Any]) -> tuple[Any, Any]:
+    """Expressions at numbers that change, in proportion to one; their changes follow it."""
+    part = hy.par[plan.size]
+    moved = {hy.par[p]: hy.par[p] + part * hy.par[plan.size + 1 + k] for k, p in enumerate(places)}
+    return hy.subs(given, moved) if given else [], part
+
+
 @lru_cache(_MOST_KEPT)
 def _changing(plan: Plan, places: tuple[int, ...]) -> Any:
-    """The same, with the derivative by a change of some numbers, which are the last ones."""
+    """The same, with the derivative by a change of some numbers."""
     from dynkit.systems.symbolic.taylor import heyoka
 
     hy = heyoka("a structure whose energies are not quadratic")
     variables, rates, _ = system_of(hy, plan)
-    part = hy.par[plan.size]
-    moved = {hy.par[p]: hy.par[p] + part * hy.par[plan.size + 1 + k] for k, p in enumerate(places)}
-    pairs = list(zip(variables, hy.subs(rates, moved), strict=True))
+    rates, part = _moved(hy, plan, places, rates)
+    pairs = list(zip(variables, rates, strict=True))
     system = hy.var_ode_sys(pairs, [part])
     large = len(system.sys) > _LARGE
     return hy.taylor_adaptive(system, [0.0] * len(variables), compact_mode=large)
+
+
+@lru_cache(_MOST_KEPT)
+def _gradients(plan: Plan, places: tuple[int, ...] | None, *, rates: bool) -> Any:
+    """Code of derivatives of the rates, or of the guards.
+
+    By the coordinates and the phase, or by a change of some numbers.
+    """
+    from dynkit.systems.symbolic.taylor import heyoka
+
+    hy = heyoka("a structure whose energies are not quadratic")
+    variables, *own = system_of(hy, plan)
+    given = own[0 if rates else 1]
+    by = [*variables, hy.par[0]]
+    if places is not None:
+        given, part = _moved(hy, plan, places, given)
+        by = [part]
+    found = [hy.diff(value, each) for value in given for each in by]
+    return hy.cfunc(found, vars=variables, compact_mode=len(found) > _LARGE)
 
 
 @cache
@@ -326,6 +352,24 @@ class Chart:
         if int(outcome) != _outcomes()[2] or not np.isfinite(made.state).all():
             raise Diverged(f"the motion runs away within {duration:.6g} from {z.tolist()}")
         return np.array(made.state[:m]), np.array(made.state[m:]).reshape(m, m + 1)
+
+    def gradients(
+        self, z: Array, sine: float, cosine: float, change: Array | None = None, *, rates: bool
+    ) -> Array:
+        """Derivatives of the rates (2 N,) of coordinates, or of the guards (k,).
+
+        By the coordinates and the phase, (..., 2 N + 1), or by a change of the numbers, (...,).
+        """
+        plan = replace(self.plan, carries=False)
+        places, more = None, np.empty(0)
+        if change is not None:
+            places = tuple(np.flatnonzero(change).tolist())
+            plan, more = plan.where(places), np.append(0.0, change[list(places)])
+        made = _gradients(plan, places, rates=rates)
+        pars = np.concatenate([self._pars, more])
+        pars[0] = math.atan2(sine, cosine)
+        found = np.asarray(made(self._bare(z), pars=pars[: made.nparams], time=0.0))
+        return found if change is not None else found.reshape(-1, len(z) + 1)
 
     @_alone
     def changed(

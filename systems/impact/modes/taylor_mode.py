@@ -370,6 +370,16 @@ class TaylorMode:
             self._charts[-1,] = self._chart((), rubs=False)
         return self._charts[-1,]
 
+    def gradients(self, state: Array, change: Array | None = None, *, rates: bool) -> Array:
+        """Derivatives of accelerations (N,), or of what guards that end a flight watch, (events,).
+
+        By positions, velocities and phase, (..., 2 N + 1), or by a change of the numbers, (...,).
+        """
+        (x, v), (sine, cosine) = self.motion(state), state[:, -1].tolist()
+        z = np.concatenate([x, v])
+        found = self._plain.gradients(z, sine, cosine, change, rates=rates)
+        return found[self.bodies :] if rates else found
+
     def changed(self, start: Array, duration: float, change: Array) -> Array:
         """Change of positions and velocities (2 N,) after a duration by one of the numbers."""
         (x, v), (sine, cosine) = self.motion(start), start[:, -1].tolist()

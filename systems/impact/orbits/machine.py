@@ -152,22 +152,38 @@ class Changes:
         self, system: Callable[[Array], DrivenStructure], modes: Sequence[Regimes] = ()
     ) -> None:
         self._system, self._modes = system, modes
-        self._known: dict[tuple[int, bytes], tuple[Array, Numbers]] = {}
+        self._known: dict[tuple[int, bytes, int], tuple[Array, Numbers]] = {}
 
-    def by(self, p: Array, k: int) -> tuple[Array, Numbers]:
+    def _form(self, p: Array) -> Any:
+        """The form of energies that are not quadratic."""
+        return self._system(p)._motion.equations if self._modes else None
+
+    def by(self, p: Array, k: int) -> tuple[Array, Numbers] | None:
         """By number `k` of the parameters (l,), whole and in parts.
 
-        Kept where it is the same for all its values.
+        Kept where it is the same for all its values. None where energies have another form beside
+        these values, as where a term vanishes.
         """
+        form = self._form(p)
+        changed = False
 
         def numbers(value: float) -> Array:
+            nonlocal changed
             moved = p.copy()
             moved[k] = value
-            return numbers_of(self._system(moved), self._modes)
+            changed = changed or self._form(moved) is not form
+            return numbers_of(self._system(moved), () if changed else self._modes)
 
-        key = k, p[:k].tobytes() + p[k + 1 :].tobytes()
+        key = k, p[:k].tobytes() + p[k + 1 :].tobytes(), id(form)
         if key not in self._known:
-            whole, linear = change_of(numbers, float(p[k]))
+            try:
+                whole, linear = change_of(numbers, float(p[k]))
+            except NoSolution:
+                if changed:
+                    return None
+                raise
+            if changed:
+                return None
             found = whole, Numbers.split(self._system(p), whole)
             if not linear:
                 return found

@@ -97,18 +97,12 @@ def rate_row(mode: TaylorMode, k: int, state: Array) -> Array:
 def gradient(mode: TaylorMode, number: int, state: Array) -> Array:
     """Derivative (2 N + 1,) of a guard by positions, velocities and phase."""
     k, watch = mode.guards[number]
+    if watch.force:
+        return np.asarray(mode.gradients(state, rates=False)[number])
     scene, element, n = mode.scene, mode.scene.elements[k], mode.bodies
     sine, cosine = state[:, -1].tolist()
     turned = element.swing(cosine, -sine)
     along = scene.rows_at(state[0, :n])[k]
     row = watch.gap * element.sign * np.concatenate([along, np.zeros(n), [-turned]])
     row = row + watch.rate * rate_row(mode, k, state)
-    if watch.force:
-
-        def force(given: Array) -> Array:
-            y = np.array([[*given[:n], np.sin(given[-1])], [*given[n:-1], np.cos(given[-1])]])
-            return mode.balance(y)[1][[k]]
-
-        here = np.concatenate([state[0, :n], state[1, :n], [np.arctan2(sine, cosine)]])
-        row = row + watch.force * numerical_derivative(force, here, accuracy=DIFFERENCES)[0][0]
     return np.asarray(row)

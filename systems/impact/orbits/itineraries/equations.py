@@ -265,7 +265,8 @@ class ItineraryEquations(ImpactProblem):
 
     def _by(self, x: Array, p: Array, k: int) -> Array:
         s = self.at(x, p)
-        found = s.change(self._changes.by(p, k))
+        change = self._changes.by(p, k)
+        found = None if change is None else s.change(change)
         return self._numerically(x, p, k, s) if found is None else found / self._units
 
     def _numerically(self, x: Array, p: Array, k: int, s: ItinerarySolution) -> Array:

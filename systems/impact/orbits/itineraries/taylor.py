@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from functools import cached_property, partial
+from functools import cached_property
 from itertools import pairwise
 from typing import TYPE_CHECKING, Any, final
 
@@ -88,6 +88,15 @@ class TaylorSolution(ShootingSolution):
         """Rate (D,) of a state."""
         (found,) = mode.rate(self._short(z)[None])
         return np.concatenate([*found[:, :-1], found[:, -1], [0.0]])
+
+    def _tangent(self, j: int) -> Array:
+        """Derivative (D, D) of the rate of the state by the one after event `j`."""
+        z, n, d = self.after[j].real, self.dimension // 2, self.dimension
+        out, w = np.zeros((d + 3, d + 3)), self.clock.real
+        out[:n, n:d] = np.eye(n)
+        out[n:d] = self._wide(self.modes[j].gradients(self._short(z), rates=True), z)
+        out[-3, -2], out[-2, -3] = w, -w
+        return out
 
     # --- on the way -------------------------------------------------------------------------------
 
@@ -188,9 +197,13 @@ class TaylorSolution(ShootingSolution):
         if not self._observed(Happening(mode, element, guard)).force:
             row = self.machine.watched(mode, element, guard)
             return row @ z, row
-        there = self._mode(mode)
-        number, state = guard_of(self.oscillator, mode, element, guard), self._short(z)
-        return there.watched(number, state)[0], self._wide(gradient(there, number, state), z)
+        there, now = self._mode(mode), z.real
+        number, state = guard_of(self.oscillator, mode, element, guard), self._short(now)
+        value, row = there.watched(number, state)[0], self._wide(gradient(there, number, state), now)
+        if self._still is None:
+            return value, row
+        by = there.gradients(state, self._flights[mode], rates=False)[number]
+        return value + 1j * (row @ z.imag + STEP * by), row
 
     @cached_property
     def _watched(self) -> tuple[Array, Array]:
@@ -230,7 +243,7 @@ class TaylorSolution(ShootingSolution):
         mode, path = self.following[i].mode, self._path(i)
         watch = self._observed(Happening(mode, element, guard))
         row, parts, size = self.machine.watched(mode, element, guard), [], 0.0
-        for begin, end in pairwise(path.ends.tolist()):
+        for begin, end in pairwise(path.ends.tolist() if path.ends[-1] else ()):
             z = self._whole(path.states(0.5 * (begin + end) + 0.5 * (end - begin) * _PLACES))
             values = z @ row
             if watch.force:
@@ -280,16 +293,28 @@ class TaylorSolution(ShootingSolution):
             if near:
                 return polynomial.polyval(t, series[q:])
         rise = self.rise(j, row)
-        return (rise if q == 1 else rise - t * (row @ self._rate(self.modes[j], self.after[j]))) / t**q
+        return (rise if q == 1 else rise - t * (row @ self._begun(j))) / t**q
+
+    def _begun(self, j: int) -> Any:
+        """Rate (D,) of the state after event `j`."""
+        mode, z, n = self.modes[j], self.after[j], self.dimension // 2
+        found = self._rate(mode, z.real)
+        if self._still is None:
+            return found
+        by = self._tangent(j) @ z.imag
+        changes = self._flights[self.following[j].mode]
+        by[n : 2 * n] += STEP * mode.gradients(self._short(z.real), changes, rates=True)
+        by[-3:-1] += self.clock.imag * np.array([z[-2].real, -z[-3].real])
+        return found + 1j * by
 
     def quotient_change(self, j: int, row: Any, q: int) -> tuple[Any, float]:
-        t, mode = float(self.durations[j]), self.modes[j]
+        t = float(self.durations[j])
         series, near = self._series(j, row)
         value, start = self.quotient(j, row, q), self.after[j]
         if near:
             late = polynomial.polyval(t, polynomial.polyder(series[q:]))
         else:
-            begun = row @ self._rate(mode, start) if q > 1 else 0.0
+            begun = row @ self._begun(j) if q > 1 else 0.0
             late = ((row @ self.moving[j] - begun) / t ** (q - 1) - q * value) / t
         least, flown = _LEAST / self.clock, self.transitions[j]
         if abs(t) < least:  # there it hardly depends on the duration
@@ -297,8 +322,7 @@ class TaylorSolution(ShootingSolution):
             _, flown = self._moved(j, start, t)
         by_state = row @ flown - row
         if q > 1:
-            rate = partial(self._rate, mode)
-            by_state -= t * (row @ numerical_derivative(rate, start, accuracy=DIFFERENCES)[0])
+            by_state -= t * (row @ self._tangent(j))
         return by_state / t**q, float(late)
 
     def quotient_rounding(self, j: int, row: Any, q: int) -> float:
@@ -319,10 +343,9 @@ class TaylorSolution(ShootingSolution):
     def change(self, change: tuple[Array, Numbers]) -> Array | None:
         """Their derivative (m,) by a change of all numbers; None where it is not known.
 
-        That is where masses vary, or something sticks.
+        That is where masses vary.
         """
-        sticks = any(event.mode.held for event in self.itinerary)
-        if sticks or not all(mode.constant_kicks for mode in self.modes):
+        if not all(mode.constant_kicks for mode in self.modes):
             return None
         modes = sorted({event.mode for event in self.itinerary})
         flights = {mode: self._mode(mode).numbers for mode in modes}
