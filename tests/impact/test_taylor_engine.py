@@ -511,15 +511,6 @@ def test_a_mass_matrix_that_varies_takes_one_stop() -> None:
         DoublePendulumAtAStop(frequency=1.0, elements=stops).simulate(impacts=1)
 
 
-def test_orbits_by_itinerary_are_refused_by_name() -> None:
-    chain = TodaChain(masses=2, frequency=0.9)
-    for ask in (chain.find_orbits, chain.periodic_orbit, chain.periodic_orbits):
-        with pytest.raises(NotImplementedError, match="need quadratic energies"):
-            ask()
-    with pytest.raises(NotImplementedError, match="need quadratic energies"):
-        SYSTEMS["toda, contact"].attractor().periodic_orbit()
-
-
 def test_a_motion_that_runs_away_is_named() -> None:
     duffing = ImpactDuffing(frequency=1.0, cubic=-1.0, amplitude=0.0, offset=-9.0)
     with pytest.raises(Diverged, match="the motion runs away"):

@@ -332,9 +332,7 @@ class TaylorMode:
         sine, cosine = start[:, -1].tolist()
         z = self.settled(chart, chart.coordinates(start[0, :-1], start[1, :-1], sine, cosine))
         begins, found = chart.path(z, sine, cosine, longest)
-        begins = np.minimum(begins, longest)
-        begins[-1] = longest
-        return Path(self, start, chart, begins, found)
+        return Path(self, start, chart, np.append(begins[:-1], longest), found, float(begins[-1]))
 
     def flow(self, start: Array, duration: float, left: int = -1) -> tuple[Array, Array]:
         """State (2, N + 1) after a duration, and its derivative (2 N + 1, 2 N + 1).
@@ -378,7 +376,7 @@ class TaylorMode:
         (x, v), (sine, cosine) = self.motion(state), state[:, -1].tolist()
         z = np.concatenate([x, v])
         found = self._plain.gradients(z, sine, cosine, change, rates=rates)
-        return found[self.bodies :] if rates else found
+        return np.asarray(found[self.bodies :] if rates else found)
 
     def changed(self, start: Array, duration: float, change: Array) -> Array:
         """Change of positions and velocities (2 N,) after a duration by one of the numbers."""
@@ -426,6 +424,8 @@ class Path(NamedTuple):
     ends : (k + 1,)
         Durations at which steps begin and end.
     coefficients : (k, 2 N, order + 1)
+    reach : float
+        Duration up to which the last polynomial holds.
     """
 
     mode: TaylorMode
@@ -433,6 +433,7 @@ class Path(NamedTuple):
     chart: Chart
     ends: Array
     coefficients: Array
+    reach: float
 
     def states(self, durations: Array) -> Array:
         """States (m, 2, N + 1) at durations (m,)."""

@@ -155,6 +155,18 @@ def check_elements(oscillator: ImpactMap) -> None:
         )
 
 
+def _check_sticks(oscillator: ImpactMap, law: Any) -> None:
+    """Raise NotImplementedError where contact with a stop is not known."""
+    where = f"with an impact law; got {law!r}" if isinstance(law, ImpactLaw) else ""
+    if oscillator._motion is not None:
+        where = "where energies are not quadratic"
+    if where:
+        raise NotImplementedError(
+            f"orbits by itinerary must not stick to a stop {where}: "
+            "dynkit.periodic_orbit finds orbits of the map"
+        )
+
+
 def regimes_of(oscillator: ImpactMap, numbers: Sequence[int]) -> Regimes:
     """A mode of an oscillator: what holds in it, and what is watched."""
     automaton = oscillator._automaton
@@ -219,16 +231,8 @@ def events_seen(oscillator: ImpactMap, run: Trajectory, named: bool = True) -> S
         begin, before = float(parts.begin[k]), int(parts.mode[k - 1])
         guard = automaton.guards[parts.guard[k]]
         law: Any = getattr(oscillator._elements[guard.element], "restitution", None)
-        if parts.kind[k] == EventKind.CONTACT and oscillator._motion is not None:
-            raise NotImplementedError(
-                "orbits by itinerary must not stick to a stop where energies are not quadratic: "
-                "dynkit.periodic_orbit finds orbits of the map"
-            )
-        if parts.kind[k] == EventKind.CONTACT and isinstance(law, ImpactLaw):
-            raise NotImplementedError(
-                f"orbits by itinerary must not stick to a stop with an impact law; got {law!r}: "
-                "dynkit.periodic_orbit finds orbits of the map"
-            )
+        if parts.kind[k] == EventKind.CONTACT:
+            _check_sticks(oscillator, law)
         if parts.kind[k] == EventKind.CONTACT and parts.speed[k] > 0.0:
             if named:
                 _name(machine, guard.element, (times, events, states), run)

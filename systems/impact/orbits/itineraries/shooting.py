@@ -351,7 +351,7 @@ class ShootingSolution(ItinerarySolution):
         return np.asarray(scaled.sum(axis=1).max(axis=1) * abs(self.durations))
 
     def quotient(self, j: int, row: Any, q: int) -> Any:
-        """A row of the state at the end of a flight, over a power of its duration: see `divided`."""
+        """A row at the end of a flight, over a power of its duration: see `divided`."""
         return divided.quotient(self, j, row, q)
 
     def quotient_change(self, j: int, row: Any, q: int) -> tuple[Any, float]:

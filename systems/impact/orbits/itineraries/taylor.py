@@ -64,6 +64,8 @@ class TaylorSolution(ShootingSolution):
     ) -> None:
         super().__init__(scene, course, lap, pairs, driven)
         self._still, self._flights = still, flights
+        self._kicks: dict[int, Array] = {}
+        self._turned: dict[int, Array] = {}
 
     @cached_property
     def modes(self) -> list[TaylorMode]:
@@ -104,7 +106,7 @@ class TaylorSolution(ShootingSolution):
     def _way(self) -> tuple[Any, Any, Any, Any, dict[int, Any]]:
         n, d, kind = self.events, self.dimension, np.result_type(self.machine.frequency)
         before, after, reached = np.empty((3, n, d + 3), dtype=kind)
-        flown, self._kicks, self._turned = np.zeros((n, d + 3, d + 3)), {}, {}
+        flown = np.zeros((n, d + 3, d + 3))
         state: Any = None
         for i, event in enumerate(self.itinerary):
             state = self.lap.states[self._node_of[i]] if i in self._node_of else state
@@ -199,7 +201,8 @@ class TaylorSolution(ShootingSolution):
             return row @ z, row
         there, now = self._mode(mode), z.real
         number, state = guard_of(self.oscillator, mode, element, guard), self._short(now)
-        value, row = there.watched(number, state)[0], self._wide(gradient(there, number, state), now)
+        value, row = there.watched(number, state)[0], gradient(there, number, state)
+        row = self._wide(row, now)
         if self._still is None:
             return value, row
         by = there.gradients(state, self._flights[mode], rates=False)[number]
@@ -243,7 +246,7 @@ class TaylorSolution(ShootingSolution):
         mode, path = self.following[i].mode, self._path(i)
         watch = self._observed(Happening(mode, element, guard))
         row, parts, size = self.machine.watched(mode, element, guard), [], 0.0
-        for begin, end in pairwise(path.ends.tolist() if path.ends[-1] else ()):
+        for begin, end in pairwise([*path.ends[:-1].tolist(), path.reach]):
             z = self._whole(path.states(0.5 * (begin + end) + 0.5 * (end - begin) * _PLACES))
             values = z @ row
             if watch.force:
@@ -261,7 +264,7 @@ class TaylorSolution(ShootingSolution):
             return out
 
         lasts = float(self.durations[i])
-        bend = max((float(abs(own(own.linspace(9)[0])).max()) for own in orders[2]), default=0.0)
+        bend = max(float(abs(own(own.linspace(9)[0])).max()) for own in orders[2])
         return Curve(at, lasts, (size, bend))
 
     @cached_property

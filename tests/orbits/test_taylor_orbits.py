@@ -1,0 +1,205 @@
+"""Orbits by itinerary where energies are not quadratic: as the exact engine, and simulation."""
+
+from __future__ import annotations
+
+import math
+from functools import cache
+from typing import Any
+
+import numpy as np
+import pytest
+
+from dynkit import continue_curve, continue_orbit
+from dynkit.orbits.kinds import BifurcationKind
+from dynkit.systems import (
+    DryFriction,
+    HardStop,
+    ImpactChain,
+    ImpactDuffing,
+    SoftStop,
+    TodaChain,
+)
+from tests.impact.taylor_cases import Bead, Disguised
+
+TABLE = HardStop(-1, amplitude=0.1, restitution=0.85, name="table")
+SOFT = SoftStop(0, offset=0.02, stiffness=50.0, damping=0.2, name="pad")
+BELT = DryFriction(0, force=0.5, static=0.8, velocity=0.2, name="belt")
+MOVING = SoftStop(1, amplitude=0.1, stiffness=50.0, damping=0.2, preload=0.01, name="pad")
+
+LINEAR: dict[str, tuple[dict[str, Any], list[str]]] = {
+    "impacts": ({"masses": 3, "frequency": 0.9}, ["frequency", "damping", "offset"]),
+    "play": ({"masses": 2, "frequency": 1.1, "play": 0.3, "amplitude": 0.05}, ["play"]),
+    "soft": (
+        {"masses": 2, "frequency": 0.9, "elements": [TABLE, SOFT]},
+        ["frequency", "pad.stiffness", "table.restitution"],
+    ),
+    "a moving pad": (
+        {"masses": 2, "frequency": 0.9, "elements": [MOVING]},
+        ["frequency", "pad.amplitude", "pad.preload"],
+    ),
+    "friction": (
+        {
+            "masses": 2,
+            "frequency": 0.7,
+            "harmonic_forces": [0.8, 0.0],
+            "elements": [
+                DryFriction(0, force=0.3, name="rail"),
+                SoftStop(1, offset=-0.2, stiffness=20.0),
+            ],
+        },
+        ["frequency", "damping", "rail.force"],
+    ),
+    "a cycle on a belt": (
+        {"masses": 1, "damping": 0.01, "frequency": 1.0, "elements": [BELT]},
+        ["belt.force", "belt.velocity", "belt.static"],
+    ),
+    "masses hit each other": (
+        {
+            "masses": 3,
+            "frequency": 0.9,
+            "elements": [TABLE, HardStop((0, 1), offset=-0.05, restitution=0.5, name="gap")],
+        },
+        ["gap.offset", "gap.restitution", "frequency"],
+    ),
+}
+
+
+@cache
+def both(name: str) -> tuple[Any, Any]:
+    """The orbit by exponential sums, and by Taylor's method."""
+    given = LINEAR[name][0]
+    kinds: Any = ImpactChain, Disguised
+    exact, other = (kind(**given).attractor().periodic_orbit() for kind in kinds)
+    assert (exact.system.engine, other.system.engine) == ("exponential sums", "Taylor")
+    return exact, other
+
+
+@pytest.mark.parametrize("name", LINEAR)
+def test_a_linear_structure_has_the_orbit_of_the_exact_engine(name: str) -> None:
+    exact, other = both(name)
+    away = abs(exact.system.difference(exact.states, other.states)).max()
+    assert away <= exact.error + other.error
+    assert other.error < 1e-10
+    assert (exact.label, dict(exact.counts)) == (other.label, dict(other.counts))
+    assert exact.admissible
+    assert other.admissible
+    assert np.poly(other.multipliers) == pytest.approx(np.poly(exact.multipliers), abs=1e-11)
+    times = np.linspace(0.0, exact.period, 50)
+    for one, two in zip(exact.sample(times), other.sample(times), strict=True):
+        assert one == pytest.approx(two, abs=1e-11)
+
+
+@pytest.mark.parametrize(("name", "parameter"), [(n, p) for n in LINEAR for p in LINEAR[n][1]])
+def test_derivatives_by_parameters_are_those_of_the_exact_engine(name: str, parameter: str) -> None:
+    changes = []
+    for orbit in both(name):
+        problem = orbit._problem.free(parameter)
+        x, p = orbit._x, problem.values
+        by = problem.parameter_derivative(x, p)[:, 0]
+        changes.append(np.linalg.solve(problem.linearization(x, p), -by))
+    # phases and impulses come first, whatever the other unknowns are
+    one, two = (change[: len(orbit.impulses) + len(orbit.phases)] for change in changes)
+    assert one == pytest.approx(two, rel=1e-10, abs=1e-10)
+
+
+BORDERS = [
+    ("impacts", "frequency", (0.6, 0.92)),
+    ("a moving pad", "frequency", (0.84, 0.92)),
+    ("soft", "pad.offset", (0.015, 0.021)),
+    ("masses hit each other", "gap.offset", (-0.06, -0.0495)),
+]
+
+
+@pytest.mark.parametrize(("name", "parameter", "bounds"), BORDERS)
+def test_branches_meet_the_bifurcations_of_the_exact_engine(
+    name: str, parameter: str, bounds: tuple[float, float]
+) -> None:
+    branches = [continue_orbit(orbit, parameter, bounds=bounds) for orbit in both(name)]
+    one, two = (sorted(b.bifurcations, key=lambda each: each.value) for b in branches)
+    assert BifurcationKind.GR in {each.kind for each in one}
+    assert [each.kind for each in one] == [each.kind for each in two]
+    for known, found in zip(one, two, strict=True):
+        assert abs(known.value - found.value) <= known.error + found.error
+        assert known.admissible == found.admissible
+
+
+@cache
+def toda() -> Any:
+    return TodaChain(masses=5, frequency=0.9).attractor()
+
+
+def test_toda_s_chain_is_followed_through_grazings() -> None:
+    orbit = toda().periodic_orbit()
+    assert (orbit.label, orbit.admissible) == ("P(2,2)", True)
+    branch = continue_orbit(orbit, "frequency", bounds=(0.86, 0.97))
+    kinds = [each.kind.name for each in branch.bifurcations]
+    assert kinds == ["PD", "GR", "NS", "GR", "PD"]
+    low, high = (each.value for each in branch.bifurcations if each.kind is BifurcationKind.GR)
+    for place in range(0, len(branch), 4):
+        there, value = branch.orbit(place), float(branch.parameter[place])
+        assert there.admissible == (low < value < high)
+        if there.admissible and there.stable:
+            system, first = there.system, there.states[0]
+            assert abs(system.difference(system(system(first)), first)).max() < 1e-9
+
+
+def test_at_a_grazing_the_gap_of_simulation_touches_zero() -> None:
+    branch = continue_orbit(toda().periodic_orbit(), "frequency", bounds=(0.87, 0.9))
+    (grazing,) = (each for each in branch.bifurcations if each.kind is BifurcationKind.GR)
+    orbit = grazing.orbit
+    system, times = orbit.system, np.linspace(0.0, orbit.period, 20001)
+    x, _ = orbit.sample(times)
+    phases = orbit.phases[0] + system.frequency * times
+    gaps = x[:, -1] - system.offset - system.amplitude * np.sin(phases)
+    apart = abs((times[:, None] - np.append(orbit.time, orbit.period)) % orbit.period).min(axis=1)
+    inside = gaps[(apart > 0.05) & (orbit.period - apart > 0.05)]
+    assert -1e-9 < inside.min() < 1e-6
+    (other,) = grazing.switch()
+    assert other.label == "P(3,2)"
+
+
+def test_criticality_curves_and_stores(tmp_path: Any) -> None:
+    branch = continue_orbit(toda().periodic_orbit(), "frequency", bounds=(0.89, 0.9595))
+    torus, grazing, _ = branch.bifurcations
+    assert torus.rotation_number == pytest.approx(0.2465, abs=1e-4)
+    assert str(torus.criticality).startswith("subcritical")
+    bounds = (0.95, 0.97), (0.099, 0.101)
+    curve = continue_curve(grazing, ("frequency", "amplitude"), bounds=bounds)
+    assert len(curve) > 2
+    branch.save(tmp_path / "branch.h5")
+
+
+def test_a_mass_matrix_that_varies() -> None:
+    system: Any = Bead(frequency=0.9, amplitude=0.3, restitution=0.5)
+    attractor = system.attractor(transient=300)
+    orbit: Any = attractor.periodic_orbit()
+    assert orbit.admissible
+    away = abs(system.difference(orbit.states[:1], attractor.states)).max(axis=1).min()
+    assert away < 1e-8
+    n = len(orbit.states)
+    jacobian = np.eye(system.dimension)
+    for state in orbit.states:
+        jacobian = system.jacobian(state) @ jacobian
+    assert n == orbit.impacts
+    known = np.linalg.eigvals(jacobian)
+    assert np.poly(orbit.multipliers) == pytest.approx(np.poly(known), abs=1e-8)
+
+
+def test_the_error_of_duffing_s_orbit_lies_over_its_actual_error() -> None:
+    system = ImpactDuffing(frequency=1.0)
+    orbit = system.attractor().periodic_orbit()
+    state = orbit.states[0]
+    for _ in range(len(orbit.states)):
+        state = system(state)
+    grown = 1.0 + float(abs(np.linalg.eigvals(system.jacobian(orbit.states[0]))).max())
+    assert abs(system.difference(state, orbit.states[0])).max() <= grown * orbit.error
+    assert math.isfinite(orbit.error)
+
+
+def test_what_is_not_known_is_refused_by_name() -> None:
+    chain = Disguised(masses=2, frequency=0.2, restitution=0.4)
+    with pytest.raises(NotImplementedError, match="must not stick to a stop where energies"):
+        chain.attractor().periodic_orbit()
+    for search in (chain.find_orbits, chain.periodic_orbits):
+        with pytest.raises(NotImplementedError, match="searches for orbits need quadratic"):
+            search()
