@@ -274,7 +274,7 @@ class TaylorSolution(ShootingSolution):
     # --- divided differences ----------------------------------------------------------------------
 
     def _series(self, j: int, row: Array) -> tuple[Array, bool]:
-        """Taylor coefficients (k,) of a row at the begin of a flight; if its end is within reach."""
+        """Taylor coefficients (k,) of a row at the begin of a flight; whether its end is near."""
         path, w = self._path(j), self.oscillator.frequency
         order = np.arange(path.coefficients.shape[2])
         z, weights = path.coefficients[0].T, w**order / factorial(order)
