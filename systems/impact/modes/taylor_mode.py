@@ -381,7 +381,8 @@ class TaylorMode:
     def changed(self, start: Array, duration: float, change: Array) -> Array:
         """Change of positions and velocities (2 N,) after a duration by one of the numbers."""
         (x, v), (sine, cosine) = self.motion(start), start[:, -1].tolist()
-        return self._plain.changed(np.concatenate([x, v]), sine, cosine, duration, change)
+        z = np.concatenate([x, v])
+        return np.asarray(self._plain.changed(z, sine, cosine, duration, change))
 
     def settled(self, chart: Chart, z: Array) -> Array:
         """Set gaps and slips of what holds and sticks to zero in coordinates (2 N,), in place."""
