@@ -36,9 +36,9 @@ class Batches:
     count: int
     sums: Array
 
-    def __init__(self, most: int, columns: int) -> None:
+    def __init__(self, most: int) -> None:
         self.most, self.length, self.count = most, 1, 0
-        self.sums = np.zeros((0, columns))
+        self.sums = np.zeros((0, 0))
 
     def add(self, count: int, sums_over: Callable[[Edges], Array]) -> None:
         """Add values: ``sums_over(edges)`` returns sums (b, k) over parts of them."""
@@ -52,7 +52,8 @@ class Batches:
         new = sums_over(edges)
         if begun:
             new[0] += self.sums[-1]
-        self.sums = np.concatenate([self.sums[: len(self.sums) - bool(begun)], new])
+        before = self.sums[: len(self.sums) - bool(begun)]
+        self.sums = np.concatenate([before, new]) if len(before) else new
         self.count += count
 
     def add_rows(self, rows: Array) -> None:
