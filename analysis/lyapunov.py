@@ -157,15 +157,6 @@ class LyapunovSpectrum(Saved):
         made._take(flow, partial(flow.stretching, state, duration), iterations)
         return made
 
-    @classmethod
-    def _of(
-        cls, name: str, iterations: int, run: tuple[Array, Array, Array | None, Cost]
-    ) -> Self:
-        """Return the exponents of a map from means over successive batches of iterates."""
-        made = cls.__new__(cls)
-        vars(made).update(_name=name, _is_flow=False, _iterations=iterations, _run=run)
-        return made
-
     @property
     def _length(self) -> int:
         """Number of iterates in each row of the run."""

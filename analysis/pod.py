@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import fields
 from functools import cached_property, partial
-from typing import TYPE_CHECKING, ClassVar, Literal, Self, final
+from typing import TYPE_CHECKING, ClassVar, Literal, final
 
 import numpy as np
 
@@ -93,15 +93,6 @@ class POD(Saved):
         self._change_of = partial(change_of, source)
         if not isinstance(source, KnowsAverages):  # bad samples are refused at once
             self.matrix  # noqa: B018
-
-    @classmethod
-    def _of(
-        cls, about: str, modes: Array | None, averages: Averages, change: RegimeChange | None
-    ) -> Self:
-        """Return the decomposition of averages that are known."""
-        made = cls.__new__(cls)
-        vars(made).update(about=about, _normal_modes=modes, _averages=averages, change=change)
-        return made
 
     def __repr__(self) -> str:
         if "_averages" not in vars(self):

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 import time
-from collections.abc import Sequence
 from functools import cached_property
 from typing import TYPE_CHECKING, ClassVar, NamedTuple, final
 
@@ -189,24 +188,20 @@ class PowerSpectrum(Saved):
 
         Where the samples change their regime (`change`), the error is increased by the largest
         relative difference to the densities before and after; it is infinite when one of these
-        regimes is shorter than a segment.
+        regimes is shorter than a segment, and for a stream.
         """
-        if self.change is None:
-            return self._error_with([])
-        values, at = self._samples[0], self._finer * self.change.at
-        if min(at, len(values) - at) < self._length:
-            return math.inf
-        return self._error_with([self._density(part) for part in (values[:at], values[at:])])
-
-    def _error_with(self, regimes: Sequence[Array]) -> float:
-        """Return the scatter, and the largest difference to the densities of other regimes."""
         w, k, half = self._window, self.segments, self._length // 2
         overlap = (float(w[half:] @ w[: self._length - half]) / float(w @ w)) ** 2
         scatter = math.sqrt((1.0 + 2.0 * overlap * (k - 1) / k) / k)
+        if self.change is None:
+            return scatter
+        values, at = self._samples[0], self._finer * self.change.at
+        if min(at, len(values) - at) < self._length:
+            return math.inf
         # without the density at frequency zero, which subtraction of means removes
         whole = self.density[1:]
-        parts = [regime[1 : len(whole) + 1] for regime in regimes]
-        apart = [abs(part - whole)[whole > 0.0] / whole[whole > 0.0] for part in parts]
+        regimes = [self._density(part)[1 : len(whole) + 1] for part in (values[:at], values[at:])]
+        apart = [abs(regime - whole)[whole > 0.0] / whole[whole > 0.0] for regime in regimes]
         return scatter + float(np.max(apart, initial=0.0))
 
     @cached_property
@@ -227,14 +222,15 @@ class PowerSpectrum(Saved):
         """Angular frequencies, densities, and the seconds of their computation."""
         values, _ = self._samples
         began = time.perf_counter()
-        frequencies = self._on_axis()
+        frequencies = self._axis
         used = values[: self._length] if self.segments == 1 else values
         density = self._density(used)[: len(frequencies)]
-        return read_only(frequencies), read_only(density), time.perf_counter() - began
+        return frequencies, read_only(density), time.perf_counter() - began
 
-    def _on_axis(self) -> Array:
+    @property
+    def _axis(self) -> Array:
         every = np.asarray(math.tau * np.fft.rfftfreq(self._length, self._step), np.float64)
-        return every[every <= self.nyquist * (1.0 + 2.0**-40)]
+        return read_only(every[every <= self.nyquist * (1.0 + 2.0**-40)])
 
     def _density(self, values: Array) -> Array:
         """Return Welch's densities, also at frequencies beyond the axis."""

@@ -37,9 +37,8 @@ class Attractor(Tabled, ABC):
 
     A subclass may implement, where a start is more than a state or motions can end:
 
-    6. `origin` and `final`, the starts from which the kept states and the motion after them follow;
-       `duration`, the time between both; and `ending`, a member of an enumeration whose value says
-       in words why the simulation ended.
+    6. `final`, the start from which the motion continues, `duration`, and `ending`, a member of an
+       enumeration whose value says in words why the simulation ended.
     7. ``observable(name)``, (n,): one of the map's `observables` at the kept states.
     8. ``label_within(budget)``, the label from at most this number of states.
 
@@ -82,18 +81,13 @@ class Attractor(Tabled, ABC):
         """Return the motion, (k, ...), at the given times, (k,)."""
 
     @property
-    def origin(self) -> Any:
-        """The start of the motion at time zero: by default the first kept state."""
-        return np.asarray(self.states[0])
-
-    @property
     def final(self) -> Any:
         """The start from which the motion continues: by default the last kept state."""
         return np.asarray(self.states[-1])
 
     @property
     def duration(self) -> float:
-        """Time zero of `Map.following` in the time of this attractor: by default a count."""
+        """Time at which the motion that continues begins: by default the number of states."""
         return float(self._kept)
 
     @property

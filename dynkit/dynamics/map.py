@@ -47,8 +47,8 @@ class Map(SmoothMap):
        otherwise it is computed from differences.
     8. ``jacobian_factors(state)``, when the derivative is a product of factors and the product
        would lose its small eigenvalues; `jacobian` multiplies them.
-    9. ``iterate_into(states)`` and ``stretching(state, n, frame)``, when there is a faster computation of
-       many iterates, or for Lyapunov exponents.
+    9. ``iterate_into(states)`` and ``stretching(state, n, frame)``, when there is a faster
+       computation of many iterates, or for Lyapunov exponents.
 
     Sweeps, parameter planes and basins use the following, which have defaults. A map whose motions
     start from more than a state of the map, such as an impact oscillator, implements all of them:

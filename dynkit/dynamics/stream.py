@@ -64,9 +64,7 @@ class Stream:
             if count:
                 part = self.system.following(last, size)
             else:
-                part = self.system.attractor(
-                    start=self.start, transient=self.transient, keep=size
-                )
+                part = self.system.attractor(start=self.start, transient=self.transient, keep=size)
             if part._kept:
                 yield part
             if part._kept < size:

@@ -317,13 +317,13 @@ class ImpactMap(DrivenStructure, Map):
     def stretching(
         self, state: Array | ImpactState, n: int, frame: Array | None = None
     ) -> Stretching:
-        known = isinstance(state, ImpactState)
         if self._mapped:
-            found = super().stretching(self.section_state(state) if known else state, n, frame)
+            here = self.section_state(state) if isinstance(state, ImpactState) else state
+            found = super().stretching(here, n, frame)
             return dataclasses.replace(found, final=self.impact_state(found.state))
         from dynkit.systems.impact.variational.tangents import stretching
 
-        start = state if known else self.impact_state(state)
+        start = state if isinstance(state, ImpactState) else self.impact_state(state)
         return stretching(self, start, n, frame, self.accuracy)
 
     def difference(self, a: Array, b: Array) -> Array:

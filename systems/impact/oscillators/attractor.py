@@ -82,11 +82,6 @@ class ImpactAttractor(Attractor):
         return self._transient
 
     @property
-    def origin(self) -> ImpactState:
-        """The state after the last skipped impact."""
-        return self.record.start
-
-    @property
     def final(self) -> ImpactState:
         """The state after the last impact."""
         return self.record.final
