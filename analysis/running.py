@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from dynkit.analysis.averages import LEAST, batch_errors
 from dynkit.analysis.batches import Batches, Edges
 from dynkit.analysis.dimension.coordinates import angles_of
+from dynkit.analysis.dimension.counting import BLOCKS
 from dynkit.analysis.dimension.dimension import CorrelationDimension
 from dynkit.analysis.dimension.sums import Norm
 from dynkit.analysis.histogram import Histogram
@@ -442,6 +443,8 @@ class RunningSample(Running):
 
     def __init__(self, size: int = 20_000, *, norm: Norm = "maximum") -> None:
         self.size = positive_integer("size", size)
+        if size < BLOCKS:
+            raise ValueError(f"size must be at least {BLOCKS}; got {size}")
         one_of("norm", norm, get_args(Norm))
         self.norm, self._angles = norm, {}
         self.sample, self._numbers = np.empty((0, 0)), np.empty(0)
@@ -460,6 +463,7 @@ class RunningSample(Running):
         self.sample = np.concatenate([self.sample, states])[kept]
 
     def result(self) -> CorrelationDimension:
+        self._at_least(BLOCKS, "states", self.states)
         found = CorrelationDimension(self.sample, norm=self.norm, angles=self._angles)
         vars(found)["change"] = regime_change(self.sample)
         return found
