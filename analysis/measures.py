@@ -12,6 +12,8 @@ from functools import cached_property
 from pathlib import Path
 from typing import Any, ClassVar, NamedTuple, Self, final
 
+import numpy as np
+
 from dynkit._version import __version__
 from dynkit.analysis.running import (
     Running,
@@ -50,17 +52,27 @@ class Measures(Mapping[str, Any]):
         Number of states that have been measured, and of all states of the stream.
     cost : Cost
         Seconds of the motion and of the measures, and work of the motion.
+    repeats : int or None
+        Number of states after which a state has come back, bit for bit. A periodic motion does so.
+        So does chaos of few coordinates, by rounding: from there on the run adds no information,
+        and the errors of its measures are too small.
     """
 
-    _stored: ClassVar = ("states", "keep", "cost", "_last", "_slots")
+    _stored: ClassVar = (
+        *("states", "keep", "cost", "repeats", "_last", "_anchor", "_anchored", "_slots"),
+    )
     states: int
     keep: int
     cost: Cost
+    repeats: int | None
     _last: Array | None
+    _anchor: Array
+    _anchored: int
 
     def __init__(self, running: Mapping[str, Running], keep: int) -> None:
         vars(self)["running"] = dict(running)
         self.states, self.keep, self.cost, self._last = 0, keep, Cost(0.0), None
+        self.repeats, self._anchor, self._anchored = None, np.empty(0), 0
 
     @classmethod
     def load(cls, path: str | os.PathLike[str]) -> Self:
@@ -91,7 +103,8 @@ class Measures(Mapping[str, Any]):
         return len(self.running)
 
     def __repr__(self) -> str:
-        return f"<Measures {', '.join(self)}: {self.states} of {self.keep} states>"
+        again = f"; repeats itself after {self.repeats}" if self.repeats else ""
+        return f"<Measures {', '.join(self)}: {self.states} of {self.keep} states{again}>"
 
     @cached_property
     def _slots(self) -> Mapping[str, _Slot]:
@@ -114,7 +127,19 @@ class Measures(Mapping[str, Any]):
         found._last = system.pack_state(block.final)  # type: ignore[attr-defined]
         seconds = block.cost.seconds + time.perf_counter() - began
         found.cost = self.cost + Cost(seconds, block.cost.counts)
+        found._look_for_repetition(self, block.states)
         return found
+
+    def _look_for_repetition(self, before: Measures, states: Array) -> None:
+        """Compare states with an anchor; R. P. Brent, BIT 20 (1980) 176-184."""
+        self.repeats, self._anchor = before.repeats, before._anchor
+        self._anchored = before._anchored
+        if self.repeats is None and self._anchored:
+            same = np.flatnonzero((states == self._anchor).all(axis=1))
+            if len(same):
+                self.repeats = before.states + int(same[0]) + 1 - self._anchored
+        if self.states >= 2 * self._anchored:
+            self._anchor, self._anchored = states[-1].copy(), self.states
 
 
 def measure(

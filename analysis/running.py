@@ -51,9 +51,9 @@ class Running(ABC):
 
     A subclass must implement:
 
-    1. ``_take(block)``, which adds an `Attractor`. Arrays are replaced, and not changed in place.
+    1. ``accumulate(block)``, which adds an `Attractor` that has states.
     2. ``result()``, the measure of all blocks so far.
-    3. Annotations of all its attributes, the arguments of ``__init__`` among them.
+    3. Attributes with the names of the arguments of ``__init__``, for the repr.
 
     Blocks must follow one another, as those of a `Stream`. The result depends on how the states
     were divided into blocks by rounding alone.
@@ -71,6 +71,7 @@ class Running(ABC):
     cost: Cost = Cost(0.0)
 
     def __init_subclass__(cls) -> None:
+        # all annotated attributes are stored
         cls._stored = ("states", "cost", *inspect.get_annotations(cls))
 
     def add(self, block: Attractor) -> None:
@@ -85,13 +86,14 @@ class Running(ABC):
         """
         began = time.perf_counter()
         attractor = attractor_of(block)
-        self._take(attractor)
+        self.accumulate(attractor)
         count = len(attractor.states)
         self.states += count
         self.cost += Cost(time.perf_counter() - began, {"states": count})
 
     @abstractmethod
-    def _take(self, block: Attractor) -> None: ...
+    def accumulate(self, block: Attractor) -> None:
+        """Add the next block: the part of `add` that depends on the measure."""
 
     @abstractmethod
     def result(self) -> Any:
@@ -155,7 +157,7 @@ class RunningHistogram(Running):
     def _edges(self) -> Array:
         return np.linspace(self.low, self.high, self.bins + 1)
 
-    def _take(self, block: Attractor) -> None:
+    def accumulate(self, block: Attractor) -> None:
         values = finite_array("observable", block.observable(self.observable), (None,))
         places = np.searchsorted(self._edges, values, side="right")
         places[values == self.high] = self.bins
@@ -220,7 +222,7 @@ class RunningPOD(Running):
         self.about = about
         self._moments, self._watched = Batches(_BATCHES), Batches(_WATCHED)
 
-    def _take(self, block: Attractor) -> None:
+    def accumulate(self, block: Attractor) -> None:
         def moments(edges: Edges) -> Array:
             found = averages_over(block, edges)
             lasted = float(found.durations.sum())
@@ -287,7 +289,7 @@ class RunningExponents(Running):
         self.settling = non_negative_integer("settling", settling)
         self._logs = Batches(_ITERATES)
 
-    def _take(self, block: Attractor) -> None:
+    def accumulate(self, block: Attractor) -> None:
         system: Any = block.system
         start = block.states[0] if self._last is None else system.unpack_state(self._last)
         count = len(block.states)
@@ -352,7 +354,7 @@ class RunningSpectrum(Running):
             raise ValueError(f"length must be at least 8; got {length}")
         self._rest, self._sum, self._watched = np.empty(0), np.zeros(1), Batches(_WATCHED)
 
-    def _take(self, block: Attractor) -> None:
+    def accumulate(self, block: Attractor) -> None:
         axis = axis_of(Motion(block), self.coordinate, self.interval)
         step, lasted = axis.interval / axis.finer, block.duration
         count = max(math.ceil((lasted - self._next) / step), 0)
@@ -449,7 +451,7 @@ class RunningSample(Running):
         self.norm, self._angles = norm, {}
         self.sample, self._numbers = np.empty((0, 0)), np.empty(0)
 
-    def _take(self, block: Attractor) -> None:
+    def accumulate(self, block: Attractor) -> None:
         states = block.states
         # the numbers of a state do not depend on the blocks
         numbers = np.random.Generator(np.random.PCG64(0).advance(self.states)).random(len(states))

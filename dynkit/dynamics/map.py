@@ -131,13 +131,25 @@ class Map(SmoothMap):
         return MapAttractor(self, start, transient, positive_integer("keep", keep))
 
     def following(self, final: Any, keep: int) -> Attractor:
-        """Return the next states after the `final` of an attractor of this map."""
+        """Return the next states after the `final` of an attractor of this map.
+
+        Parameters
+        ----------
+        final : start
+        keep : int
+            Number of states.
+
+        Raises
+        ------
+        NoMotion
+            When the motion has no next state.
+        """
         return self.attractor(start=final, transient=1, keep=keep)
 
     def stream(
         self, *, start: Any = None, transient: int = 700, keep: int, block: int = 10_000
     ) -> Stream:
-        """Return the motion from a start after its transient, block by block, for long runs.
+        """Return the motion from a start after its transient, in blocks, for long runs.
 
         Parameters
         ----------

@@ -8,7 +8,6 @@ import signal
 import subprocess
 import sys
 import time
-from collections.abc import Iterator
 from pathlib import Path
 from typing import Any, ClassVar
 
@@ -52,12 +51,11 @@ class Shaky(Map):
 
 
 @pytest.fixture(autouse=True)
-def _often(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
+def _often(monkeypatch: pytest.MonkeyPatch) -> None:
     """Stores are written after every block."""
     monkeypatch.setattr(collecting, "_LEAST_INTERVAL", 0.0)
     monkeypatch.setattr(collecting, "_SHARE", np.inf)
     Shaky.calls, Shaky.last = 0, 10**9
-    yield
 
 
 def every(observable: str = "state[0]") -> dict[str, Running]:
@@ -134,7 +132,7 @@ def test_a_measure_of_ones_own_serves_without_a_store(tmp_path: Path) -> None:
         def __init__(self) -> None:
             self.largest = -np.inf
 
-        def _take(self, block: Any) -> None:
+        def accumulate(self, block: Any) -> None:
             self.largest = max(self.largest, float(block.states.max()))
 
         def result(self) -> float:
@@ -145,6 +143,33 @@ def test_a_measure_of_ones_own_serves_without_a_store(tmp_path: Path) -> None:
     assert 0.99 < found["largest"] <= 1.0
     with pytest.raises(ValueError, match=r"store must be None for largest, which is Largest\(\)"):
         measure(stream, {"largest": Largest()}, store=tmp_path / "x.h5", progress=False)
+
+
+@pytest.mark.parametrize("block", [1, 7, 100])
+def test_a_motion_that_repeats_itself_is_noticed(block: int) -> None:
+    """P(3) of the logistic map at 3.83."""
+    stream = Logistic(rate=3.83).stream(start=[0.3], transient=2000, keep=300, block=block)
+    found = measure(stream, {"x": RunningPOD()}, progress=False)
+    assert found.repeats is not None  # its rounding may repeat after a multiple of the period
+    assert found.repeats % 3 == 0
+    assert repr(found).endswith(f"; repeats itself after {found.repeats}>")
+    assert run(Henon(), 300, None).repeats is None
+
+
+def test_chaos_that_rounding_repeats_is_noticed() -> None:
+    """With twelve binary digits in each state, cycles are short."""
+
+    class Coarse(Map):
+        dimension = 1
+
+        def __call__(self, state: Array) -> Array:
+            return np.rint(4.0 * state * (1.0 - state) * 2.0**12) / 2.0**12
+
+    stream = Coarse().stream(start=[0.3], transient=0, keep=3000, block=50)
+    found = measure(stream, {"x": RunningPOD()}, progress=False)
+    states = Coarse().iterate(np.array([0.3]), 3000)[:, 0]
+    assert found.repeats is not None
+    assert states[-1] == states[-1 - found.repeats]
 
 
 def test_a_bar_counts_states(capfd: pytest.CaptureFixture[str]) -> None:
@@ -192,7 +217,7 @@ def test_an_interrupted_run_goes_on_with_the_same_bits(tmp_path: Path) -> None:
 def test_an_interruption_inside_a_measure_leaves_the_last_block(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    store, take, taken = tmp_path / "long.h5", RunningExponents._take, [0]
+    store, take, taken = tmp_path / "long.h5", RunningExponents.accumulate, [0]
 
     def interrupted(self: RunningExponents, block: Any) -> None:
         taken[0] += 1
@@ -200,7 +225,7 @@ def test_an_interruption_inside_a_measure_leaves_the_last_block(
             raise KeyboardInterrupt
         take(self, block)
 
-    monkeypatch.setattr(RunningExponents, "_take", interrupted)
+    monkeypatch.setattr(RunningExponents, "accumulate", interrupted)
     with pytest.raises(KeyboardInterrupt):
         run(Henon(), 700, store)
     assert {each.states for each in Measures.load(store).running.values()} == {300}
