@@ -45,8 +45,15 @@ class Drifting(Map):
     dimension = 2
 
     def __call__(self, state: Array) -> Array:
-        x, n = state
-        return np.array([(4.0 if n < 3000.0 else 3.7) * x * (1.0 - x), n + 1.0])
+        x, y = state
+        return np.array([self.rate(y) * x * (1.0 - x), 0.999 * y])
+
+    def jacobian(self, state: Array) -> Array:
+        x, y = state
+        return np.diag([self.rate(y) * (1.0 - 2.0 * x), 0.999])
+
+    def rate(self, y: float) -> float:
+        return 4.0 if y > 0.999**3000 else 3.7
 
 
 def after(running: Any, blocks: Iterable[Any]) -> Any:
@@ -275,7 +282,7 @@ def test_a_sample_has_the_dimension_of_the_attractor() -> None:
 
 
 def test_a_change_of_regime_is_noticed_and_covered() -> None:
-    stream = Drifting().stream(start=[0.3, 0.0], transient=0, keep=9000, block=1000)
+    stream = Drifting().stream(start=[0.3, 1.0], transient=0, keep=9000, block=1000)
     histogram = RunningHistogram("state[0]", low=0.0, high=1.0, bins=5)
     exponents, spectrum = RunningExponents(settling=0), RunningSpectrum(interval=1.0, length=64)
     for block in stream:

@@ -121,10 +121,9 @@ def test_a_frame_goes_on(name: str) -> None:
 
 
 def test_a_frame_that_is_given_is_not_changed() -> None:
-    for system in (Henon(), ImpactChain(frequency=0.9)):
-        state = system.attractor(
-            start=[0.1, 0.1] if isinstance(system, Henon) else None, keep=1
-        ).states[0]
+    systems: list[tuple[Any, Any]] = [(Henon(), [0.1, 0.1]), (ImpactChain(frequency=0.9), None)]
+    for system, start in systems:
+        state = system.attractor(start=start, keep=1).states[0]
         frame = np.eye(system.dimension)
         system.stretching(state, 5, frame)
         assert (frame == np.eye(system.dimension)).all()
