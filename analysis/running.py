@@ -331,7 +331,7 @@ class RunningSpectrum(Running):
     >>> for block in ImpactChain(frequency=0.87).stream(keep=500, block=100):
     ...     running.add(block)
     >>> running.result()
-    <PowerSpectrum: 14500 samples 0.722205 apart in 28 segments, resolution 0.0128>
+    <PowerSpectrum: 15000 samples 0.722205 apart in 28 segments, resolution 0.0128>
     """
 
     interval: float | None

@@ -365,3 +365,39 @@ def test_used_measures_are_refused() -> None:
     used.add(Henon().attractor(start=[0.1, 0.1], keep=10))
     with pytest.raises(ValueError, match=r"measures\['pod'\] must be new; got .* of 10 states"):
         measure(Henon().stream(start=[0.1, 0.1], keep=10), {"pod": used})
+
+
+# --- disks ----------------------------------------------------------------------------------------
+
+
+def test_a_full_disk_leaves_the_blocks_before(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    store, write, written = tmp_path / "long.h5", stores.write, [0]
+
+    def full(path: Path, archive: stores.Archive) -> None:
+        written[0] += 1
+        if written[0] >= 4:
+            raise OSError(28, "store must be a file that can be written")
+        write(path, archive)
+
+    monkeypatch.setattr(stores, "write", full)
+    with pytest.raises(OSError, match="store must be a file that can be written"):
+        run(Henon(), 700, store)
+    assert Measures.load(store).states == 200
+    monkeypatch.setattr(stores, "write", write)
+    assert numbers(run(Henon(), 700, store)) == numbers(run(Henon(), 700, None))
+
+
+def test_a_store_that_cannot_be_written_is_refused_at_once(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def full(path: Path, archive: stores.Archive) -> None:
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr(stores, "write", full)
+    with pytest.raises(ValueError, match="No space left on device"):
+        run(Shaky(), 700, tmp_path / "long.h5")
+    assert Shaky.calls == 0
+    with pytest.raises(ValueError, match="store must be in a folder that exists"):
+        run(Shaky(), 700, tmp_path / "none" / "long.h5")
