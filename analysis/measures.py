@@ -10,7 +10,7 @@ from contextlib import ExitStack
 from copy import deepcopy
 from functools import cached_property
 from pathlib import Path
-from typing import Any, ClassVar, NamedTuple, Self, final
+from typing import Any, ClassVar, NamedTuple, final
 
 import numpy as np
 
@@ -75,7 +75,7 @@ class Measures(Mapping[str, Any]):
         self.repeats, self._anchor, self._anchored = None, np.empty(0), 0
 
     @classmethod
-    def load(cls, path: str | os.PathLike[str]) -> Self:
+    def load(cls, path: str | os.PathLike[str]) -> Measures:
         """Read the measures of a store, also while another process continues it.
 
         Raises
@@ -83,15 +83,13 @@ class Measures(Mapping[str, Any]):
         ValueError
             When the file is missing, damaged, or not a store of measures.
         """
-        return read_result(path, cls)[0]
+        return _read(path)[0]
 
     @cached_property
     def running(self) -> Mapping[str, Running]:
         """The measures that accumulate."""
-        return {
-            name: next(each for each in slot if each is not None)
-            for name, slot in self._slots.items()
-        }
+        slots = self._slots.items()
+        return {name: each for name, slot in slots for each in slot if each is not None}
 
     def __getitem__(self, name: str) -> Any:
         return self.running[name].result()
@@ -140,6 +138,13 @@ class Measures(Mapping[str, Any]):
                 self.repeats = before.states + int(same[0]) + 1 - self._anchored
         if self.states >= 2 * self._anchored:
             self._anchor, self._anchored = states[-1].copy(), self.states
+
+
+def _read(path: str | os.PathLike[str]) -> tuple[Measures, stores.Archive]:
+    found, file, archive = read_result(path, Measures)
+    if len(found.running) < len(found._slots):
+        raise ValueError(f"store must hold all of a Measures; got {file} (a measure is missing)")
+    return found, archive
 
 
 def measure(
@@ -255,7 +260,7 @@ def _found(path: Path, entries: Mapping[str, str], new: Measures) -> Measures:
     """Return the measures of a store, or the new ones where there is none."""
     if not path.exists():
         return new
-    found, _, archive = read_result(path, Measures)
+    found, archive = _read(path)
     stores.refuse_other_entries(path, archive, entries, sorted(entries))
     if found.states > new.keep:
         raise ValueError(f"keep must be {found.states} or more, as {path} has; got {new.keep}")

@@ -345,6 +345,19 @@ def test_a_store_without_an_array_is_refused(missing: str, tmp_path: Path) -> No
         Measures.load(store)
 
 
+def test_a_store_without_a_measure_is_refused(tmp_path: Path) -> None:
+    store = tmp_path / "long.h5"
+    run(Henon(), 300, store)
+    archive = stores.read(store)
+    tree = json.loads(archive.arrays["json"].tobytes())
+    tree["_slots"]["pod"]["RunningPOD"] = None
+    arrays = {**archive.arrays, "json": np.frombuffer(json.dumps(tree).encode(), dtype=np.uint8)}
+    stores.write(store, stores.Archive(archive.entries, arrays))
+    for read in (Measures.load, lambda path: run(Henon(), 500, path)):
+        with pytest.raises(ValueError, match=r"store must hold all of a Measures; .* is missing"):
+            read(store)
+
+
 @pytest.mark.parametrize(
     ("stream", "measures", "message"),
     [
