@@ -3,8 +3,18 @@ from .annotation import mark_values as mark_values
 from .chatter import ChatterRatios as ChatterRatios
 from .diagram import BifurcationDiagram as BifurcationDiagram
 from .dimension.dimension import CorrelationDimension as CorrelationDimension
+from .histogram import Histogram as Histogram
 from .lyapunov import LyapunovSpectrum as LyapunovSpectrum
+from .measures import Measures as Measures, measure as measure
 from .pod import POD as POD
+from .running import (
+    Running as Running,
+    RunningExponents as RunningExponents,
+    RunningHistogram as RunningHistogram,
+    RunningPOD as RunningPOD,
+    RunningSample as RunningSample,
+    RunningSpectrum as RunningSpectrum,
+)
 from .sections import ImpactSection as ImpactSection, StroboscopicSection as StroboscopicSection
 from .sensitivity import Sensitivity as Sensitivity
 from .series import TimeSeries as TimeSeries

@@ -7,7 +7,7 @@ from typing import final
 
 import numpy as np
 
-from dynkit.analysis.regimes import regime_change
+from dynkit.analysis.regimes import RegimeChange, regime_change
 from dynkit.core.validation import Array
 
 LEAST = 128
@@ -135,6 +135,25 @@ def standard_errors(amplitudes: Array) -> Array:
         student = float(stdtrit(count, ndtr(2.0))) / 2.0
         errors = np.maximum(errors, student * np.sqrt(np.mean(amplitudes[:count] ** 2, axis=0)))
     return errors
+
+
+def batch_errors(deviations: Array, weights: Array, change: RegimeChange | None) -> Array:
+    """Return the `standard_errors` (k,) of sums of deviations (b, k) of batches.
+
+    The weights (b,) have the sum one. Where the run changes its regime, the errors are increased by
+    the largest difference to the sums before and after the batch with the change.
+    """
+    errors = standard_errors(amplitudes(deviations, weights))
+    if change is None:
+        return errors
+    cut = min(change.at * len(weights) // change.states, len(weights) - 1)
+    sides = [slice(None, cut), slice(cut + 1, None)]
+    apart = [
+        abs(deviations[side].sum(axis=0)) / weights[side].sum()
+        for side in sides
+        if weights[side].sum() > 0.0
+    ]
+    return np.asarray(errors + np.max(apart, axis=0, initial=0.0))
 
 
 def _ramps(count: int) -> Array:

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dynkit.analysis.averages import LEAST, TimeAverages
+from dynkit.analysis.batches import in_values
 from dynkit.analysis.kaplan_yorke import kaplan_yorke
 from dynkit.analysis.motions import attractor_of, going_on_for
 from dynkit.analysis.regimes import RegimeChange
@@ -156,6 +157,11 @@ class LyapunovSpectrum(Saved):
         made._take(flow, partial(flow.stretching, state, duration), iterations)
         return made
 
+    @property
+    def _length(self) -> int:
+        """Number of iterates in each row of the run."""
+        return self._iterations // len(self._run[0])
+
     def _take(
         self, system: SmoothMap | Flow, stretching: Callable[[int], Stretching], iterations: int
     ) -> None:
@@ -167,7 +173,10 @@ class LyapunovSpectrum(Saved):
 
     @cached_property
     def _run(self) -> tuple[Array, Array, Array | None, Cost]:
-        """Logarithms (n, d), their errors (n, d), and times (n,) of the iterates; and the cost."""
+        """Logarithms (n, d), their errors (n, d), and times (n,) of the iterates; and the cost.
+
+        Of a stream they are means over batches of iterates.
+        """
         began = time.perf_counter()
         total = self._iterations + self._iterations // _SETTLING
         with going_on_for(total):
@@ -322,7 +331,7 @@ class LyapunovSpectrum(Saved):
 
         Logarithms and return times are tested: see `dynkit.analysis.regimes.regime_change`.
         """
-        return self._averages[0].change
+        return in_values(self._averages[0].change, self._length)
 
     def dataset(self) -> Dataset:
         """Return the exponents as a dataset over ``exponent``, numbered from 1."""
@@ -378,7 +387,7 @@ class LyapunovSpectrum(Saved):
         logs = logs[:, np.isfinite(logs).all(axis=0)]
         counts = np.unique(np.geomspace(1, len(logs), _POINTS).astype(np.intp))
         means = np.cumsum(logs, axis=0)[counts - 1] / counts[:, None]
-        axes.plot(counts, means, color=ink(), linewidth=0.5)
+        axes.plot(self._length * counts, means, color=ink(), linewidth=0.5)
         if np.isfinite(self.exponents[0]):
             low, high = self.exponents[0] + self.error[0] * np.array([-1.0, 1.0])
             axes.axhspan(float(low), float(high), color=ink(0.8), zorder=0)

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, ClassVar, Literal, final
 
 import numpy as np
 
-from dynkit.analysis.averages import amplitudes, standard_errors
+from dynkit.analysis.averages import batch_errors
 from dynkit.analysis.pod_averages import Averages, KnowsAverages, averages_of, change_of
 from dynkit.analysis.pod_figures import draw_cumulative, draw_modes
 from dynkit.analysis.regimes import RegimeChange
@@ -269,20 +269,7 @@ class POD(Saved):
 
     def _errors(self, deviations: Array) -> Array:
         durations = self._averages.durations
-        shares = durations / durations.sum()
-        errors = standard_errors(amplitudes(deviations, shares))
-        if self.change is None:
-            return errors
-        # the batch with the change belongs to neither side
-        cut = np.array_split(np.arange(self.change.states), len(shares))
-        last = next(b for b, part in enumerate(cut) if self.change.at <= part[-1])
-        sides = [slice(None, last), slice(last + 1, None)]
-        apart = [
-            abs(deviations[side].sum(axis=0)) / shares[side].sum()
-            for side in sides
-            if shares[side].sum() > 0.0
-        ]
-        return np.asarray(errors + np.max(apart, axis=0, initial=0.0))
+        return batch_errors(deviations, durations / durations.sum(), self.change)
 
     # --- normal modes -----------------------------------------------------------------------------
 

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import partial
 from typing import Any, Protocol, final, runtime_checkable
 
 import numpy as np
 
+from dynkit.analysis.batches import Edges
 from dynkit.analysis.regimes import RegimeChange, regime_change
 from dynkit.core.cost import Cost
 from dynkit.core.validation import Array, ascending, finite_array
@@ -48,8 +49,11 @@ class Averages:
 class KnowsAverages(Protocol):
     """A motion with exact time averages."""
 
-    def second_moments(self, batches: int) -> Any:
-        """Return averages in at most this number of batches, with the attributes of `Averages`."""
+    def second_moments(self, batches: int | Sequence[int]) -> Any:
+        """Return averages in at most this number of batches, with the attributes of `Averages`.
+
+        In place of the number the edges of the batches may be given: numbers of states, from 0 on.
+        """
         ...
 
 
@@ -58,7 +62,12 @@ def change_of(source: object) -> RegimeChange | None:
     if not isinstance(source, KnowsAverages | Attractor):
         return None
     states: Array = getattr(source, "states")  # noqa: B009  # attractors and records have them
-    return regime_change(np.column_stack([states, states**2]))
+    return regime_change(with_squares(states))
+
+
+def with_squares(values: Array) -> Array:
+    """Return columns (k, 2n) of values (k, n) and of their squares, for tests of regimes."""
+    return np.column_stack([values, values**2])
 
 
 def averages_of(source: object, times: object = None) -> Callable[[], Any]:
@@ -78,15 +87,27 @@ def averages_of(source: object, times: object = None) -> Callable[[], Any]:
     return partial(_sums, samples, *_trapezoidal(at))
 
 
-def _sums(samples: Array, weights: Array, coarse: Array | None) -> Averages:
+def averages_over(block: Attractor, edges: Edges) -> Any:
+    """Return averages of an attractor in batches of its states with these edges, (b + 1,)."""
+    if isinstance(block, KnowsAverages):
+        return block.second_moments(edges.tolist())
+    return _sums(block.states, np.ones(len(block.states)), None, edges)
+
+
+def _sums(
+    samples: Array, weights: Array, coarse: Array | None, edges: Edges | None = None
+) -> Averages:
     """Return averages of samples (k, N) with weights (k,); `coarse` are those of every second."""
     began = time.perf_counter()
-    count = min(BATCHES, len(samples))
-    batches = np.array_split(np.arange(len(samples)), count)
+    if edges is None:
+        count = min(BATCHES, len(samples))
+        batches = np.array_split(np.arange(len(samples)), count)
+    else:
+        batches = np.split(np.arange(len(samples)), edges[1:-1])
     products = np.array([(samples[b] * weights[b, None]).T @ samples[b] for b in batches])
     sums = np.array([weights[b] @ samples[b] for b in batches])
     total = weights.sum()
-    rounding = 2.0**-52 * len(batches[0])
+    rounding = 2.0**-52 * max(map(len, batches))
     error = rounding * float((samples * samples).max())
     mean_error = rounding * float(abs(samples).max())
     if coarse is not None:

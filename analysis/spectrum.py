@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import time
 from functools import cached_property
-from typing import TYPE_CHECKING, ClassVar, final
+from typing import TYPE_CHECKING, ClassVar, NamedTuple, final
 
 import numpy as np
 
@@ -126,16 +126,12 @@ class PowerSpectrum(Saved):
         self.name, self.table_frequency, self._finer, multiple = "values", None, 1, 1
         step = None if interval is None else positive("interval", interval)
         if motion is not None:
-            self._coordinate = motion.coordinate(coordinate, motion.system.dimension)
-            self.name = motion.name_of(self._coordinate)
-            self.table_frequency = getattr(motion.system, "frequency", None)
-            self._finer = _FINER if hasattr(motion.attractor, "record") else 1
+            axis = axis_of(motion, coordinate, step)
+            self._coordinate, self.name, self.table_frequency = axis[:3]
+            self._finer, step, multiple = axis[3:]
             self._count = positive_integer("samples", _SAMPLES if samples is None else samples)
             if self._count > (most := _MOST // self._finer):
                 raise ValueError(f"samples must not exceed {most}; got {self._count}")
-            if step is None:
-                multiple = _samples_in_a_period(motion)
-                step = math.tau / (motion.forcing_frequency * multiple)
         else:
             if step is None:
                 raise ValueError("interval must be given with an array")
@@ -192,7 +188,7 @@ class PowerSpectrum(Saved):
 
         Where the samples change their regime (`change`), the error is increased by the largest
         relative difference to the densities before and after; it is infinite when one of these
-        regimes is shorter than a segment.
+        regimes is shorter than a segment, and for a stream.
         """
         w, k, half = self._window, self.segments, self._length // 2
         overlap = (float(w[half:] @ w[: self._length - half]) / float(w @ w)) ** 2
@@ -226,11 +222,15 @@ class PowerSpectrum(Saved):
         """Angular frequencies, densities, and the seconds of their computation."""
         values, _ = self._samples
         began = time.perf_counter()
-        frequencies = np.asarray(math.tau * np.fft.rfftfreq(self._length, self._step), np.float64)
-        frequencies = frequencies[frequencies <= self.nyquist * (1.0 + 2.0**-40)]
+        frequencies = self._axis
         used = values[: self._length] if self.segments == 1 else values
         density = self._density(used)[: len(frequencies)]
-        return read_only(frequencies), read_only(density), time.perf_counter() - began
+        return frequencies, read_only(density), time.perf_counter() - began
+
+    @property
+    def _axis(self) -> Array:
+        every = np.asarray(math.tau * np.fft.rfftfreq(self._length, self._step), np.float64)
+        return read_only(every[every <= self.nyquist * (1.0 + 2.0**-40)])
 
     def _density(self, values: Array) -> Array:
         """Return Welch's densities, also at frequencies beyond the axis."""
@@ -370,6 +370,40 @@ def _divided(count: int, asked: int, multiple: int) -> tuple[int, int]:
         raise ValueError(f"segments must have 8 samples or more each; got {length}")
     step = length - length // 2
     return length, 1 if asked == 1 else 1 + (count - length) // step
+
+
+class Axis(NamedTuple):
+    """How a motion is sampled.
+
+    Parameters
+    ----------
+    coordinate : int
+    name : str
+    table_frequency : float or None
+    finer : int
+        Number of samples in an interval.
+    interval : float
+    multiple : int
+        Number of intervals in a period of the table, where that is whole by choice; otherwise 1.
+    """
+
+    coordinate: int
+    name: str
+    table_frequency: float | None
+    finer: int
+    interval: float
+    multiple: int
+
+
+def axis_of(motion: Motion, coordinate: int | None, interval: float | None) -> Axis:
+    """Return how a motion is sampled, with defaults for what is None."""
+    index, multiple = motion.coordinate(coordinate, motion.system.dimension), 1
+    if interval is None:
+        multiple = _samples_in_a_period(motion)
+        interval = math.tau / (motion.forcing_frequency * multiple)
+    frequency = getattr(motion.system, "frequency", None)
+    finer = _FINER if hasattr(motion.attractor, "record") else 1
+    return Axis(index, motion.name_of(index), frequency, finer, interval, multiple)
 
 
 def _samples_in_a_period(motion: Motion) -> int:

@@ -34,6 +34,7 @@ from .dynamics.section import (
     PoincareSection as PoincareSection,
     Stroboscope as Stroboscope,
 )
+from .dynamics.stream import Stream as Stream
 from .engine import WorkerLost as WorkerLost
 from .exponential.sums import ExponentialSum as ExponentialSum
 from .labels.label import OrbitKind as OrbitKind, OrbitLabel as OrbitLabel

@@ -243,8 +243,8 @@ class SmoothMap(Family, ABC):
         """
         return np.full(len(states), self.accuracy * float(abs(states).max(initial=0.0)))
 
-    def stretching(self, state: Array, n: int) -> Stretching:
-        """Return how the next n iterates stretch a frame that starts as the unit vectors.
+    def stretching(self, state: Any, n: int, frame: Array | None = None) -> Stretching:
+        """Return how the next n iterates stretch a frame of directions.
 
         A subclass may use a frame in other coordinates of the same states: the averages over many
         iterates, the Lyapunov exponents, do not depend on the coordinates.
@@ -252,8 +252,11 @@ class SmoothMap(Family, ABC):
         Parameters
         ----------
         state : (d,) array
+            Or the `final` of an earlier stretching.
         n : int
             How many iterates; zero or more.
+        frame : (d, k) array, optional
+            The `frame` of an earlier stretching, which is continued; by default the unit vectors.
 
         Raises
         ------
@@ -277,13 +280,13 @@ class SmoothMap(Family, ABC):
         """
         count = non_negative_integer("n", n)
         here = finite_array("state", state, (self.dimension,))
-        frame = self._frame(here)
+        frame = self._frame(here) if frame is None else frame
         logs, errors = np.empty((2, count, frame.shape[1]))
         times = np.empty(count)
         for i in range(count):
             here, factors, times[i] = self._followed(here)
             frame, logs[i], errors[i] = stretched(*factors, frame)
-        return Stretching(logs, errors, None if np.isnan(times).any() else times, here)
+        return Stretching(logs, errors, None if np.isnan(times).any() else times, here, frame)
 
     def _frame(self, state: Array) -> Array:  # noqa: ARG002
         """The first frame of directions, (d, k): those without an exponent are left out."""

@@ -1,7 +1,7 @@
 """Stretching of a frame of directions along a motion, for Lyapunov exponents."""
 
 from dataclasses import dataclass
-from typing import final
+from typing import Any, final
 
 import numpy as np
 
@@ -27,12 +27,22 @@ class Stretching:
         Duration of each step; None for a map without a time.
     state : (d,) array
         The state after the last step.
+    frame : (d, k) array
+        The frame after the last step, in the coordinates of the one who stretches it.
+    final : start
+        The start from which the motion, with this frame, continues: by default the state.
     """
 
     logs: Array
     errors: Array
     times: Array | None
     state: Array
+    frame: Array
+    final: Any = None
+
+    def __post_init__(self) -> None:
+        if self.final is None:
+            object.__setattr__(self, "final", self.state)
 
 
 def stretched(factors: Array, errors: Array, frame: Array) -> tuple[Array, Array, Array]:

@@ -71,6 +71,13 @@ class Saved(Result):
 
     _stored: ClassVar[tuple[str, ...]]
 
+    @classmethod
+    def _of(cls, **known: Any) -> Self:
+        """Return the result with these attributes, without the objects to compute others from."""
+        made = object.__new__(cls)
+        vars(made).update(known)
+        return made
+
     def _facts(self) -> Facts:
         """Return the stored attributes that are known, by name."""
         known = vars(self)
@@ -112,25 +119,31 @@ class Saved(Result):
         return read_result(path, cls)[0]
 
 
-_Saved = TypeVar("_Saved", bound=Saved)
+_Read = TypeVar("_Read")
 
 
 def write_result(path: str | os.PathLike[str], result: Saved, entries: Mapping[str, str]) -> None:
     """Write a result and further entries to a store; ValueError where it cannot be written."""
-    file, arrays = store.place(path), dict[str, Any]()
-    tree = json.dumps(encoded("", result, arrays))
-    arrays["json"] = np.frombuffer(tree.encode(), dtype=np.uint8)
-    kind = {"kind": type(result).__name__, "dynkit": __version__}
+    file, archive = store.place(path), archive_of(result, entries)
     with store.locked(file):
         try:
-            store.write(file, store.Archive({**kind, **entries}, arrays))
+            store.write(file, archive)
         except OSError as failure:
             raise ValueError(reason(failure)) from failure
 
 
+def archive_of(result: object, entries: Mapping[str, str]) -> store.Archive:
+    """Return a result and further entries as the content of a store."""
+    arrays = dict[str, Any]()
+    tree = json.dumps(encoded("", result, arrays))
+    arrays["json"] = np.frombuffer(tree.encode(), dtype=np.uint8)
+    kind = {"kind": type(result).__name__, "dynkit": __version__}
+    return store.Archive({**kind, **entries}, arrays)
+
+
 def read_result(
-    path: str | os.PathLike[str], kind: type[_Saved]
-) -> tuple[_Saved, Path, store.Archive]:
+    path: str | os.PathLike[str], kind: type[_Read]
+) -> tuple[_Read, Path, store.Archive]:
     """Return the result of a store, its file and its archive.
 
     Raises
@@ -144,5 +157,5 @@ def read_result(
         raise ValueError(f"store must hold a {kind.__name__}; got {file}")
     with store.understood(file, kind.__name__):
         tree = json.loads(archive.arrays["json"].tobytes())
-        found: _Saved = decoded(kind, "", tree, archive.arrays)
+        found: _Read = decoded(kind, "", tree, archive.arrays)
     return found, file, archive

@@ -37,8 +37,8 @@ class Attractor(Tabled, ABC):
 
     A subclass may implement, where a start is more than a state or motions can end:
 
-    6. `final`, the start from which the motion continues, and `ending`, a member of an enumeration
-       whose value says in words why the simulation ended.
+    6. `final`, the start from which the motion continues, `duration`, and `ending`, a member of an
+       enumeration whose value says in words why the simulation ended.
     7. ``observable(name)``, (n,): one of the map's `observables` at the kept states.
     8. ``label_within(budget)``, the label from at most this number of states.
 
@@ -84,6 +84,11 @@ class Attractor(Tabled, ABC):
     def final(self) -> Any:
         """The start from which the motion continues: by default the last kept state."""
         return np.asarray(self.states[-1])
+
+    @property
+    def duration(self) -> float:
+        """Time at which the motion that continues begins: by default the number of states."""
+        return float(self._kept)
 
     @property
     def ending(self) -> Enum:

@@ -309,7 +309,7 @@ class Flow(Family, ABC):
             derivatives = np.array([part.derivative for part in parts])
             wrong = np.array([part.error for part in parts])
             here, (frame, logs[i], errors[i]) = parts[-1].end, stretched(derivatives, wrong, frame)
-        return Stretching(logs, errors, np.full(count, duration), here)
+        return Stretching(logs, errors, np.full(count, duration), here, frame)
 
     def _parts(self, state: Array, duration: float, basis: Basis) -> Iterator[Part]:
         """Yield the trajectory over a positive duration in parts that are `Part.even`.

@@ -13,6 +13,7 @@ from dynkit.core.smooth_map import SmoothMap, generic_direction
 from dynkit.core.validation import Array, finite_array, positive_integer
 from dynkit.dynamics.attractor import Attractor
 from dynkit.dynamics.map_attractor import MapAttractor
+from dynkit.dynamics.stream import Stream
 
 Arrivals: TypeAlias = tuple[NDArray[np.intp], Array, Cost]
 """Numbers of orbits (k,), states (k, d), and counted work: see `Map.arrivals`."""
@@ -46,8 +47,8 @@ class Map(SmoothMap):
        otherwise it is computed from differences.
     8. ``jacobian_factors(state)``, when the derivative is a product of factors and the product
        would lose its small eigenvalues; `jacobian` multiplies them.
-    9. ``iterate_into(states)`` and ``stretching(state, n)``, when there is a faster computation of
-       many iterates, or for Lyapunov exponents.
+    9. ``iterate_into(states)`` and ``stretching(state, n, frame)``, when there is a faster
+       computation of many iterates, or for Lyapunov exponents.
 
     Sweeps, parameter planes and basins use the following, which have defaults. A map whose motions
     start from more than a state of the map, such as an impact oscillator, implements all of them:
@@ -60,12 +61,14 @@ class Map(SmoothMap):
         the parameters, and ``unpack_state(packed)``, the same state again, from which `attractor`
         gives the same bits. A state from other values of the parameters is first converted to a
         state of this map.
-    13. ``displaced(motion, size)``, the last state of a motion, displaced in a direction without
+    13. ``following(final, keep)``, the next states after the `final` of an attractor, bit for bit
+        those of a longer attractor.
+    14. ``displaced(motion, size)``, the last state of a motion, displaced in a direction without
         symmetry.
 
     A map may implement, for basins of very many starts:
 
-    14. ``arrivals(starts, orbits, transient, near)``, when there is a faster simulation of many
+    15. ``arrivals(starts, orbits, transient, near)``, when there is a faster simulation of many
         starts that ends at known periodic orbits.
 
     Stores and executors also require that the fields (`identity`) are numbers, strings, arrays, or
@@ -126,6 +129,50 @@ class Map(SmoothMap):
         if start is None:
             raise ValueError(f"start must be a state of the map, ({self.dimension},); got None")
         return MapAttractor(self, start, transient, positive_integer("keep", keep))
+
+    def following(self, final: Any, keep: int) -> Attractor:
+        """Return the next states after the `final` of an attractor of this map.
+
+        Parameters
+        ----------
+        final : start
+        keep : int
+            Number of states.
+
+        Raises
+        ------
+        NoMotion
+            When the motion has no next state.
+        """
+        return self.attractor(start=final, transient=1, keep=keep)
+
+    def stream(
+        self, *, start: Any = None, transient: int = 700, keep: int, block: int = 10_000
+    ) -> Stream:
+        """Return the motion from a start after its transient, in blocks, for long runs.
+
+        Parameters
+        ----------
+        start, transient : optional
+            As for `attractor`.
+        keep : int
+            Number of states in all blocks.
+        block : int
+            Number of states in a block, which must fit into memory.
+
+        Raises
+        ------
+        ValueError
+            When a number is not a count. The start is examined when the first block is computed.
+
+        Examples
+        --------
+        >>> from dynkit.systems import Logistic
+        >>> stream = Logistic(rate=4.0).stream(start=[0.3], keep=25_000)
+        >>> [len(block.states) for block in stream]
+        [10000, 10000, 5000]
+        """
+        return Stream(self, start, transient, keep, block)
 
     @property
     def default_start(self) -> Any:

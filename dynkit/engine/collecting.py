@@ -6,7 +6,7 @@ import json
 import os
 import sys
 import time
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from concurrent.futures import Executor
 from contextlib import ExitStack
 from pathlib import Path
@@ -68,13 +68,13 @@ def collect(
     with ExitStack() as stack:
         stack.enter_context(stores.locked(path))
         findings = _found(points, path)  # another process may have written since
-        keeper = _Keeper(path, points)
-        keeper.prepare(findings)
+        keeper = _keeper_of(path, points, findings)
+        keeper.prepare()
         bar = stack.enter_context(_Bar(findings, shown=shown))
         try:
             _go_on(points, findings, executor, keeper, bar)
         finally:
-            keeper.write(findings)
+            keeper.write()
     return findings.rows()
 
 
@@ -82,7 +82,7 @@ def _go_on(
     points: Points,
     findings: Findings,
     executor: Executor | None,
-    keeper: _Keeper | None,
+    keeper: Keeper | None,
     bar: _Bar,
 ) -> None:
     chunks = chunks_of(len(points), chained=points.chained)
@@ -90,8 +90,12 @@ def _go_on(
     for number, rows in finished(points.work, Tasks(points, left, findings), executor):
         findings.add(np.arange(*left[number]), rows)
         if keeper is not None:
-            keeper.write_when_due(findings)
+            keeper.write_when_due()
         bar.show(findings, rows)
+
+
+def _keeper_of(path: Path, points: Points, findings: Findings) -> Keeper:
+    return Keeper(path, lambda: _archived(points, findings), lambda: int(findings.done.sum()))
 
 
 def save_rows(path: str | os.PathLike[str], points: Points, rows: Rows) -> None:
@@ -99,7 +103,7 @@ def save_rows(path: str | os.PathLike[str], points: Points, rows: Rows) -> None:
     file, findings = stores.place(path), Findings(len(points))
     findings.add(np.arange(len(points)), rows)
     with stores.locked(file):
-        _Keeper(file, points).prepare(findings)
+        _keeper_of(file, points, findings).prepare()
 
 
 def read_rows(path: Path, kind: str) -> tuple[stores.Archive, Findings]:
@@ -230,34 +234,43 @@ def _refuse_other_array(path: Path, name: str, made: Any, asked: Any) -> None:
 
 
 @final
-class _Keeper:
-    """Writes findings to a store: at intervals that keep the cost low, and at the end."""
+class Keeper:
+    """Writes what grows to a store: at intervals that keep the cost low, and at the end.
 
-    def __init__(self, path: Path, points: Points) -> None:
+    ``archived()`` returns its present content, ``done()`` the count of what is done.
+    """
+
+    def __init__(
+        self, path: Path, archived: Callable[[], stores.Archive], done: Callable[[], int]
+    ) -> None:
         self._path = path
-        self._points = points
+        self._archived = archived
+        self._done = done
         self._written = -1
         self._due = 0.0
 
-    def prepare(self, findings: Findings) -> None:
+    def prepare(self) -> None:
+        """Write at first: ValueError where the store cannot be written."""
         try:
-            self.write(findings)
+            self.write()
         except OSError as failure:
             raise ValueError(reason(failure)) from failure
 
-    def write(self, findings: Findings) -> None:
-        done = int(findings.done.sum())
+    def write(self) -> None:
+        """Write, unless everything is written already."""
+        done = self._done()
         if done == self._written:
             return
         began = time.monotonic()
-        stores.write(self._path, _archived(self._points, findings))
+        stores.write(self._path, self._archived())
         ended = time.monotonic()
         self._written = done
         self._due = ended + max(_LEAST_INTERVAL, (ended - began) / _SHARE)
 
-    def write_when_due(self, findings: Findings) -> None:
+    def write_when_due(self) -> None:
+        """Write if the last time is long enough ago."""
         if time.monotonic() >= self._due:
-            self.write(findings)
+            self.write()
 
 
 @final

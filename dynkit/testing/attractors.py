@@ -1,7 +1,7 @@
 """Checks of attractors against the contract of `Attractor`."""
 
 from collections.abc import Callable
-from typing import TypeAlias
+from typing import Any, TypeAlias
 
 import numpy as np
 
@@ -36,6 +36,17 @@ def transient_skips_states(make: MakeAttractor) -> None:
     require(same_bits(later, all_states[7:]), "the transient skips states", "others are left")
 
 
+def attractor_goes_on(make: MakeAttractor) -> None:
+    """The states that follow the final one are, bit for bit, those of a longer attractor."""
+    first, whole = make(7, 5), make(7, 20)
+    system: Any = first.system
+    later = system.following(first.final, 15)
+    require(same_bits(later.states, whole.states[5:]), "the attractor goes on", "states differ")
+    both = first.duration + later.duration
+    lasts = abs(both - whole.duration) <= 1e-12 * whole.duration
+    require(lasts, "the durations add up", f"got {both} and {whole.duration}")
+
+
 def time_series_does_not_depend_on_company(make: MakeAttractor) -> None:
     """Times give the same bits together and one by one, in any order."""
     attractor, times = make(7, 20), np.array([30.0, 0.0, 5.0])
@@ -66,6 +77,7 @@ attractor_checks: tuple[AttractorCheck, ...] = (
     attractor_states_have_the_shape,
     attractor_is_deterministic,
     transient_skips_states,
+    attractor_goes_on,
     time_series_does_not_depend_on_company,
     attractor_has_sections,
     attractor_says_cost_and_error,

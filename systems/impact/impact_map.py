@@ -314,12 +314,17 @@ class ImpactMap(DrivenStructure, Map):
         found = parameter_derivative(self, self.impact_state(state), name)
         return super().parameter_derivative(state, name) if found is None else found
 
-    def stretching(self, state: Array, n: int) -> Stretching:
+    def stretching(
+        self, state: Array | ImpactState, n: int, frame: Array | None = None
+    ) -> Stretching:
         if self._mapped:
-            return super().stretching(state, n)
+            here = self.section_state(state) if isinstance(state, ImpactState) else state
+            found = super().stretching(here, n, frame)
+            return dataclasses.replace(found, final=self.impact_state(found.state))
         from dynkit.systems.impact.variational.tangents import stretching
 
-        return stretching(self, state, n, self.accuracy)
+        start = state if isinstance(state, ImpactState) else self.impact_state(state)
+        return stretching(self, start, n, frame, self.accuracy)
 
     def difference(self, a: Array, b: Array) -> Array:
         out = np.asarray(a, dtype=np.float64) - np.asarray(b, dtype=np.float64)

@@ -263,9 +263,10 @@ class SymbolicFlow(CodedFamily, Flow):
         derivatives, (logs, errors) = np.empty((n, d, d)), np.empty((2, n, d))
         for i in range(n):
             here, derivatives[i] = self._taylor.transition(self._numbers, here, duration / parts)
-        kernels.decompose(derivatives, self.accuracy, np.eye(d), logs, errors)
+        frame = np.eye(d)
+        kernels.decompose(derivatives, self.accuracy, frame, logs, errors)
         logs, errors = (each.reshape(count, parts, d).sum(axis=1) for each in (logs, errors))
-        return Stretching(logs, errors, np.full(count, duration), here)
+        return Stretching(logs, errors, np.full(count, duration), here, frame)
 
     def _part(self, state: Array, duration: float) -> Part:
         end, derivative = self._taylor.transition(self._numbers, state, duration)

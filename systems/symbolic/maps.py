@@ -153,21 +153,22 @@ class SymbolicMap(CompiledMap):
     def parameter_derivative(self, state: Array, name: str) -> Array:
         return self._by_parameter(self._program, state, name)
 
-    def stretching(self, state: Array, n: int) -> Stretching:
+    def stretching(self, state: Array, n: int, frame: Array | None = None) -> Stretching:
         from dynkit.systems.symbolic import kernels
 
         kind = type(self)
         own = kind.__call__, kind.jacobian, kind.jacobian_factors
         if own != (CompiledMap.__call__, SymbolicMap.jacobian, Map.jacobian_factors):
-            return super().stretching(state, n)
+            return super().stretching(state, n, frame)
         count, d = non_negative_integer("n", n), self.dimension
         here = np.array(finite_array("state", state, (d,)))
         room, (logs, errors) = np.empty((d + 1, d)), np.empty((2, count, d))
+        directions = np.eye(d) if frame is None else frame.copy()
         stop = kernels.stretch(
             self._program.tangent.address,
             self._numbers,
             here,
-            np.eye(d),
+            directions,
             self.accuracy,
             room,
             logs,
@@ -175,7 +176,7 @@ class SymbolicMap(CompiledMap):
         )
         if stop:
             refuse_infinite(here, stop)
-        return Stretching(logs, errors, None, here)
+        return Stretching(logs, errors, None, here, directions)
 
     @property
     def _coordinates(self) -> tuple[str, ...]:

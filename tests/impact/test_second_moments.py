@@ -142,6 +142,17 @@ def test_durations_of_batches_are_the_times_between_their_last_impacts(motion: s
     assert record.second_moments(5).durations == pytest.approx(expected, rel=0.0, abs=rounding)
 
 
+def test_batches_may_be_given_by_their_edges() -> None:
+    record = simulated("periodic", 50)
+    alike, given = record.second_moments(5), record.second_moments([0, 10, 20, 30, 40, 50])
+    assert given.products.tobytes() == alike.products.tobytes()
+    parts = record.second_moments([0, 1, 37, 50])
+    assert parts.durations == pytest.approx(np.diff([0.0, *record.time[[0, 36, 49]]]))
+    for edges in ([0, 49], [1, 50], [0, 20, 20, 50], [0, 1.5, 50]):
+        with pytest.raises(ValueError, match="batches"):
+            record.second_moments(edges)  # type: ignore[arg-type]
+
+
 @motions
 def test_error_is_small_beside_the_products(motion: str) -> None:
     moments = simulated(motion).second_moments(1)

@@ -43,6 +43,7 @@ PAGE = (
 VALUE = "a value inside a result, whose error and cost it shares"
 ELEMENT = "what acts on a system, whose motions say it"
 EQUATIONS = "equations and what they are made of; their solutions are the results"
+RUNNING = "a measure that accumulates; its result says it"
 STATE = "one state of a system, as wrong as its `accuracy`; to simulate from"
 
 NO_RESULTS = {
@@ -130,6 +131,14 @@ NO_RESULTS = {
     "Crossing": STATE,
     "ImpactState": STATE,
     "Stretching": STATE,
+    "Measures": "results by name, each with its error",
+    "Running": RUNNING,
+    "RunningExponents": RUNNING,
+    "RunningHistogram": RUNNING,
+    "RunningPOD": RUNNING,
+    "RunningSample": RUNNING,
+    "RunningSpectrum": RUNNING,
+    "Stream": "a motion in blocks, which are attractors",
     "Condition": EQUATIONS,
     "Event": EQUATIONS,
     "FamilyProblem": EQUATIONS,

@@ -127,6 +127,7 @@ def test_output_agrees_to_the_digits_that_are_shown() -> None:
                 "write-your-own-element",
                 "continue-your-own-equations",
                 "choose-transient-and-keep",
+                "long-runs",
                 "troubleshooting",
             )
         ),

@@ -102,6 +102,18 @@ class SkipsOneMore(Wrapped):
         return henon_attractor(skipped, len(self.inner.states)).states
 
 
+class EndsEarlier(Wrapped):
+    @property
+    def final(self) -> Array:
+        return np.asarray(self.inner.states[-2])
+
+
+class LastsLonger(Wrapped):
+    @property
+    def duration(self) -> float:
+        return 2.0 * self.inner.duration
+
+
 class DrivenByCompany(Wrapped):
     def time_series(self, times: Array) -> Array:
         return super().time_series(times) + 1e-12 * len(times)
@@ -124,6 +136,8 @@ BROKEN_ATTRACTORS: list[tuple[type[Wrapped], testing.AttractorCheck, str]] = [
     (Writeable, testing.attractor_states_have_the_shape, "the states are read-only"),
     (Wavering, testing.attractor_is_deterministic, "the error is deterministic"),
     (SkipsOneMore, testing.transient_skips_states, "the transient skips states"),
+    (EndsEarlier, testing.attractor_goes_on, "the attractor goes on"),
+    (LastsLonger, testing.attractor_goes_on, "the durations add up"),
     (DrivenByCompany, testing.time_series_does_not_depend_on_company, "same bits alone"),
     (FlatSection, testing.attractor_has_sections, "the section has shape"),
     (NegativeError, testing.attractor_says_cost_and_error, "the error is not negative"),

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from functools import cached_property, partial
 from typing import TYPE_CHECKING, Any, final
@@ -85,6 +85,11 @@ class ImpactAttractor(Attractor):
     def final(self) -> ImpactState:
         """The state after the last impact."""
         return self.record.final
+
+    @property
+    def duration(self) -> float:
+        """Time of the last impact."""
+        return float(self.record.time[-1]) if len(self.record) else 0.0
 
     @property
     def ending(self) -> Ending:
@@ -206,7 +211,7 @@ class ImpactAttractor(Attractor):
             return orbit_near(self._system, record.final, m or 1)
         return orbit_of_motion(record, n, m)
 
-    def second_moments(self, batches: int = 32) -> SecondMoments:
+    def second_moments(self, batches: int | Sequence[int] = 32) -> SecondMoments:
         """Time averages over the kept impacts: see `ImpactRecord.second_moments`."""
         return self.record.second_moments(batches)
 

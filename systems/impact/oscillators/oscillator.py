@@ -178,6 +178,9 @@ class ImpactOscillator(ImpactMap):
         kept = self._run(before.final if before else state, count, store=True)
         return ImpactAttractor(self, skipped, ImpactRecord(self, kept), before)
 
+    def following(self, final: ImpactState, keep: int) -> ImpactAttractor:
+        return self.attractor(start=final, transient=0, keep=keep)
+
     def arrivals(
         self, starts: Array, orbits: Sequence[Attractor], transient: int, near: float
     ) -> Arrivals | None:

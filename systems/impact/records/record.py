@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import sys
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from contextlib import ExitStack
 from dataclasses import replace
 from functools import cached_property
@@ -16,6 +16,7 @@ from dynkit.core.cost import Cost
 from dynkit.core.reprs import Facts, largest, system_repr
 from dynkit.core.validation import (
     Array,
+    ascending,
     finite_array,
     finite_scalar,
     in_interval,
@@ -629,24 +630,31 @@ class ImpactRecord(Result):
             raise ValueError(f"record must hold an impact after its start; got {self!r}")
         return energy_balance(self.system, self._run)
 
-    def second_moments(self, batches: int = 32) -> SecondMoments:
+    def second_moments(self, batches: int | Sequence[int] = 32) -> SecondMoments:
         """Return time averages of positions and of their products, in closed form.
 
         The averages run from the start to the last impact, over flights, chatter and contact.
 
         Parameters
         ----------
-        batches : int
-            Number of batches of successive impacts; at most the number of impacts.
+        batches : int or (b + 1,) sequence of int
+            Number of batches of successive impacts; at most the number of impacts. Or their
+            edges: numbers of impacts, ascending from 0 to that of the record.
 
         Raises
         ------
         ValueError
-            When the record has no impact after its start.
+            When the record has no impact after its start, or the edges are others.
         """
         from dynkit.systems.impact.records.second_moments import second_moments
 
-        count = min(positive_integer("batches", batches), len(self))
-        if not (count and self.time[-1] > 0.0):
+        if not (len(self) and self.time[-1] > 0.0):
             raise ValueError(f"record must hold an impact after its start; got {self!r}")
-        return second_moments(self.system, self._run, count)
+        if np.ndim(batches):
+            edges = ascending("batches", batches).astype(np.intp)
+            if not (edges == batches).all() or [edges[0], edges[-1]] != [0, len(self)]:
+                raise ValueError(f"batches must lead from 0 to {len(self)}; got {batches!r}")
+        else:
+            count = min(positive_integer("batches", batches), len(self))
+            edges = (np.arange(count + 1) * len(self)) // count
+        return second_moments(self.system, self._run, edges)

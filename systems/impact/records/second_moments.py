@@ -89,12 +89,16 @@ class Intervals:
     impact: NDArray[np.intp]
 
 
-def second_moments(oscillator: DrivenStructure, run: Trajectory, batches: int) -> SecondMoments:
-    """Moments of a run from its start to its last impact, which must be later."""
+def second_moments(
+    oscillator: DrivenStructure, run: Trajectory, edges: NDArray[np.intp]
+) -> SecondMoments:
+    """Moments of a run from its start to its last impact, which must be later.
+
+    The batches end at the impacts whose numbers are the edges (b + 1,), from 0 to all.
+    """
     began = time.perf_counter()
     n = oscillator.degrees_of_freedom
-    edges = (np.arange(batches + 1) * run.impacts) // batches
-    moments = np.zeros((batches, n + 1, n + 1))
+    moments = np.zeros((len(edges) - 1, n + 1, n + 1))
     lost = np.zeros((n + 1, n + 1))
     nodes, smooth = 0, oscillator._motion is not None
     for part in intervals(run):

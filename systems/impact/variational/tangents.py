@@ -22,7 +22,7 @@ from dynkit.systems.impact.elements.element import EventKind
 from dynkit.systems.impact.elements.laws import ImpactLaw, rebound
 from dynkit.systems.impact.modes.free_motion import FreeMotion, free_motion
 from dynkit.systems.impact.simulation.runs import trajectory_of
-from dynkit.systems.impact.simulation.state import ImpactState, on_section, section_of
+from dynkit.systems.impact.simulation.state import ImpactState, section_of
 from dynkit.systems.impact.simulation.trajectory import Trajectory, grouped, in_steps
 from dynkit.systems.impact.variational.saltation import closing, release, saltation
 
@@ -52,17 +52,20 @@ class Steps(NamedTuple):
     first: Any
 
 
-def stretching(oscillator: DrivenStructure, state: Array, n: int, accuracy: float) -> Stretching:
+def stretching(
+    oscillator: DrivenStructure, start: ImpactState, n: int, frame: Array | None, accuracy: float
+) -> Stretching:
     """Stretching of disturbances by the next n impacts: see `Map.stretching`.
 
-    An impact that only touches, u = 0, is left out, since no derivative exists there.
+    The frame holds disturbances of the free state, one in each column. An impact that only touches,
+    u = 0, is left out, since no derivative exists there.
     """
     count = non_negative_integer("n", n)
     logs, times = np.empty((count, oscillator.dimension)), np.empty(count)
-    start = on_section(oscillator, state)
-    final = _follow(oscillator, start, np.eye(oscillator.dimension), logs, times)
+    rows = np.eye(oscillator.dimension) if frame is None else np.array(frame.T, order="C")
+    final = _follow(oscillator, start, rows, logs, times)
     errors = np.full(logs.shape, accuracy)
-    return Stretching(logs, errors, times, section_of(oscillator, final))
+    return Stretching(logs, errors, times, section_of(oscillator, final), rows.T, final)
 
 
 def growth(oscillator: DrivenStructure, start: ImpactState, n: int) -> Array:
