@@ -53,6 +53,14 @@ LINEAR: dict[str, tuple[dict[str, Any], list[str]]] = {
         {"masses": 1, "damping": 0.01, "frequency": 1.0, "elements": [BELT]},
         ["belt.force", "belt.velocity", "belt.static"],
     ),
+    "chatter and contact": (
+        {"masses": 2, "frequency": 0.2, "restitution": 0.4},
+        ["frequency", "restitution", "amplitude", "damping"],
+    ),
+    "contact without rebound": (
+        {"masses": 3, "frequency": 0.8, "side": "below", "restitution": 0.0},
+        ["frequency", "offset"],
+    ),
     "masses hit each other": (
         {
             "masses": 3,
@@ -116,7 +124,7 @@ def test_branches_meet_the_bifurcations_of_the_exact_engine(
 ) -> None:
     branches = [continue_orbit(orbit, parameter, bounds=bounds) for orbit in both(name)]
     one, two = (sorted(b.bifurcations, key=lambda each: each.value) for b in branches)
-    assert BifurcationKind.GR in {each.kind for each in one}
+    assert {each.kind for each in one} & {BifurcationKind.GR, BifurcationKind.CB}
     assert [each.kind for each in one] == [each.kind for each in two]
     for known, found in zip(one, two, strict=True):
         assert abs(known.value - found.value) <= known.error + found.error
@@ -196,10 +204,44 @@ def test_the_error_of_toda_s_orbit_lies_over_its_actual_error() -> None:
     assert abs(chain.difference(following, state)).max() <= grown * orbit.error < 1e-10
 
 
+def test_toda_s_chain_chatters_and_sticks() -> None:
+    chain = TodaChain(masses=2, frequency=0.2, restitution=0.4)
+    attractor = chain.attractor()
+    orbit: Any = attractor.periodic_orbit()
+    assert (orbit.label, orbit.admissible, orbit.stable) == ("P(inf,1)", True, True)
+    (begin, end) = orbit.contacts[0]
+    assert 0.0 < begin < end <= orbit.period
+    x, _ = orbit.sample(np.linspace(begin, end, 20) + 1e-9)
+    phases = orbit.phases[0] + chain.frequency * np.linspace(begin, end, 20)
+    assert x[:, -1] == pytest.approx(chain.amplitude * np.sin(phases), abs=1e-8)
+    branch = continue_orbit(orbit, "frequency", bounds=(0.1995, 0.2005))
+    for place in (0, -1):
+        there = branch.orbit(place)
+        settled: Any = there.system.attractor(start=attractor.final).periodic_orbit()
+        away = abs(there.system.difference(there.states, settled.states)).max()
+        assert away <= there.error + settled.error
+
+
+def test_a_chain_of_toda_slips_and_sticks() -> None:
+    belt = DryFriction(0, force=0.5, name="rail")
+    chain = TodaChain(masses=2, frequency=0.7, harmonic_forces=[0.8, 0.0], elements=[belt])
+    attractor = chain.attractor()
+    orbit: Any = attractor.periodic_orbit()
+    assert orbit.admissible
+    assert orbit.counts["rail.sticks"] > 0
+    away = abs(chain.difference(orbit.states, attractor.states[-len(orbit.states) :])).max()
+    assert away < 1e-8
+    jacobian = chain.jacobian(orbit.states[0])
+    assert np.poly(orbit.multipliers) == pytest.approx(
+        np.poly(np.linalg.eigvals(jacobian)), abs=1e-8
+    )
+
+
 def test_what_is_not_known_is_refused_by_name() -> None:
-    chain = Disguised(masses=2, frequency=0.2, restitution=0.4)
-    with pytest.raises(NotImplementedError, match="must not stick to a stop where energies"):
-        chain.attractor().periodic_orbit()
+    bead: Any = Bead(frequency=0.7, offset=0.1, amplitude=0.4, restitution=0.3)
+    with pytest.raises(NotImplementedError, match="where the mass matrix depends on the coord"):
+        bead.attractor().periodic_orbit()
+    chain = Disguised(masses=2, frequency=0.9)
     for search in (chain.find_orbits, chain.periodic_orbits):
         with pytest.raises(NotImplementedError, match="searches for orbits need quadratic"):
             search()

@@ -17,6 +17,9 @@ from dynkit.systems.impact.modes.taylor_chart import Chart
 from dynkit.systems.impact.modes.taylor_equations import Plan, numbers_of
 from dynkit.systems.impact.modes.taylor_scene import Scene
 
+FREQUENCY = 1
+"""Place of the frequency among the numbers of a flight."""
+
 _INDEPENDENT = 1e-9
 """Relative size from which on a row depends on no others."""
 
@@ -334,12 +337,14 @@ class TaylorMode:
         begins, found = chart.path(z, sine, cosine, longest)
         return Path(self, start, chart, np.append(begins[:-1], longest), found, float(begins[-1]))
 
-    def flow(self, start: Array, duration: float, left: int = -1) -> tuple[Array, Array]:
+    def flow(self, start: Array, duration: float, left: int | None = None) -> tuple[Array, Array]:
         """State (2, N + 1) after a duration, and its derivative (2 N + 1, 2 N + 1).
 
-        Of positions, velocities and phase, by those at the start.
+        Of positions, velocities and phase, by those at the start. Where an element is given that
+        was left, gaps are coordinates.
         """
-        chart, (x, v), (sine, cosine) = self.chart(left), self.motion(start), start[:, -1].tolist()
+        chart = self._plain if left is None else self.chart(left)
+        (x, v), (sine, cosine) = self.motion(start), start[:, -1].tolist()
         n, angle = self.bodies, self.scene.excitation.frequency * duration
         z = self.settled(chart, chart.coordinates(x, v, sine, cosine))
         end, flow = chart.transition(z, sine, cosine, duration)

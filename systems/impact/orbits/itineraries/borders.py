@@ -164,8 +164,7 @@ class FlatRelease(_OfContact):
     """The contact force does not fall where it is zero, at a release."""
 
     def value(self, solution: Any) -> float:
-        row, before = solution.guards[self.part], solution.before[self.part]
-        return -float(row @ solution.flows[self.part - 1] @ before)
+        return -float(solution.guards[self.part] @ solution.moving[self.part - 1])
 
     def _unit(self, solution: Any) -> float:
         row = abs(solution.guards[self.part]) @ solution.measures

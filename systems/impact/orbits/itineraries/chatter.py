@@ -13,8 +13,9 @@ from dynkit.core.no_motion import NoMotion
 from dynkit.core.validation import Array
 from dynkit.orbits.newton import NoSolution
 from dynkit.systems.impact.elements.element import EventKind
+from dynkit.systems.impact.orbits.itineraries.flying import Flights
 from dynkit.systems.impact.orbits.itineraries.itinerary import Happening
-from dynkit.systems.impact.orbits.machine import STEP, Machine, Regimes, lifted
+from dynkit.systems.impact.orbits.machine import STEP, Machine, Regimes
 from dynkit.systems.impact.simulation.state import Motion, state_at
 from dynkit.systems.impact.simulation.trajectory import Trajectory, grouped
 
@@ -38,6 +39,8 @@ class Chatter:
         Of it, real.
     event : Happening
         The impact that it follows.
+    flights : tuple of two
+        Those of the chatter, and of contact.
     held : Regimes
         The mode of contact.
     state : (D,)
@@ -64,11 +67,13 @@ class Chatter:
         oscillator: Any,
         machine: Machine,
         event: Happening,
+        flights: tuple[Flights, Flights],
         held: Regimes,
         state: Array,
         fastest: float,
     ) -> None:
         assert event.kicked is not None
+        self._flights, self._held = flights
         self.machine, self.element, self.flying, self.held = (
             machine,
             event.element,
@@ -119,11 +124,9 @@ class Chatter:
         """
         if not self._rebounds:
             return np.ones(count, dtype=bool)
-        m, flow = self.machine, self.machine.flow(self.flying)
         states = np.concatenate([self._start[None], _states(run, count)])[:count]
         flights = np.diff(run.time[:count], prepend=0.0)
-        by_bend = m.gap(self.element) @ flow @ flow
-        bend, change = states @ by_bend, states @ (by_bend @ flow)
+        bend, change = self._flights.bends(self.machine.rate(self.element), states)
         freed = bend + np.maximum(change, 0.0) * flights >= 0.0
         longer = flights > np.append(np.inf, flights[:-1])
         return (freed & longer) | (run.element[:count] != self.element)
@@ -141,14 +144,14 @@ class Chatter:
     @property
     def pressing(self) -> float:
         """Contact force where contact begins; negative where the chatter does not complete."""
-        force = self.machine.force(self.held, self.element)
+        force, rate = self._held.force(self.element, self.begin)
         if self.complete or not self._rebounds:
-            return float(force @ self.begin)
+            return force
         # What is left of the velocity is about the square of the force that is missing.
         speed = float(self.run.speeds[-1])
-        return -math.sqrt(speed * abs(float(force @ self.machine.flow(self.held) @ self.begin)))
+        return -math.sqrt(speed * abs(rate))
 
-    def carried(self, machine: Machine, changes: Array) -> tuple[Array, Array]:
+    def carried(self, machine: Machine, flights: Flights, changes: Array) -> tuple[Array, Array]:
         """Changes (D, k) of the state with which contact begins, and (k,) of the time until then.
 
         An impact is where the gap is zero, so its time changes. Late in a chatter rates are far
@@ -159,12 +162,14 @@ class Chatter:
         ----------
         machine : Machine
             With imaginary parts where its numbers change, too.
+        flights : Flights
+            Of the chatter, with these changes.
         changes : (D, k)
             Of the state just after the impact before, on the stop.
         """
         m, k, late = machine, self.element, np.zeros(changes.shape[1])
         if self.run.impacts:
-            steps, more, delays, delay = self._steps(m)
+            steps, more, delays, delay = self._steps(m, flights)
             for step, added, later, own in zip(steps, more, delays, delay, strict=True):
                 late += later @ changes + own
                 changes = step @ changes + added[:, None]
@@ -172,27 +177,27 @@ class Chatter:
         catch = m.caught(self.flying, self.held) @ m.put_on(k)
         return catch.real @ changes + (catch.imag @ last / STEP)[:, None], late
 
-    def _steps(self, m: Machine) -> tuple[Array, Array, Array, Array]:
+    def _steps(self, m: Machine, flights: Flights) -> tuple[Array, Array, Array, Array]:
         """What each flight, and the impact that ends it, make of changes (D,) of the state before.
 
         Matrices (n, D, D), and what changes of the numbers add, (n, D). By how much later the
         impact happens: rows (n, D), and (n,).
         """
-        k, flow = self.element, m.flow(self.flying)
+        k = self.element
         gap, by_rate, push = m.gap(k), m.rate(k), (1.0 + m.restitution(k)) * m.kick(self.flying, k)
         rates = -self.run.log.speed / float(m.restitution(k).real)
         before = self._after + np.outer(rates, push.real)
         since = np.concatenate([self._start[None], self._after[:-1]])
-        flown = lifted(flow, np.diff(self.run.time, prepend=0.0))
+        flown, added = flights.lifted(since, np.diff(self.run.time, prepend=0.0))
         row, gap_changed, rate_changed = gap.real, gap.imag / STEP, by_rate.imag / STEP
         back = m.shift(k) - push.real * float(by_rate.real @ m.shift(k))
         put = np.eye(len(row)) - np.outer(back, row) - np.outer(push.real, by_rate.real)
-        moving = (before @ flow.real.T) @ put.T
-        delays = -(row @ flown.real) / rates[:, None]
-        steps = put + put @ flown.real + moving[:, :, None] * delays[:, None, :]
-        moved = (np.stack([flown.real, flown.imag / STEP]) @ since[:, :, None])[..., 0]
-        delay = -(moved[1] @ row + moved[0] @ gap_changed) / rates
-        more = moved[1] @ put.T + moving * delay[:, None]
+        moving = flights.rates(before) @ put.T
+        delays = -(row @ flown) / rates[:, None]
+        steps = put + put @ flown + moving[:, :, None] * delays[:, None, :]
+        moved = (flown @ since[:, :, None])[..., 0]
+        delay = -(added @ row + moved @ gap_changed) / rates
+        more = added @ put.T + moving * delay[:, None]
         more -= np.outer(before @ gap_changed, back) + np.outer(before @ rate_changed, push.real)
         return steps, more - np.outer(rates, push.imag / STEP), delays, delay
 
@@ -203,7 +208,7 @@ def _states(run: Trajectory, count: int) -> Array:
     n = system.degrees_of_freedom
     out = np.empty((count, 2 * n + 3))
     for number, where in grouped(log.guard[:count]):
-        mode = run.gap(number)[1]
+        mode = system._automaton.mode(run.regimes[int(run.guards[number, 0])])
         states = log.states[:count][where][..., : mode.layout.slots]
         out[where, :n], out[where, n : 2 * n] = mode.motion(states)
     phases = run.start.phase + system.frequency * log.time[:count]

@@ -31,7 +31,7 @@ from dynkit.systems.impact.orbits.itineraries.responses import ResponseSolution,
 from dynkit.systems.impact.orbits.itineraries.shooting import ShootingSolution
 from dynkit.systems.impact.orbits.itineraries.taylor import TaylorSolution
 from dynkit.systems.impact.orbits.itineraries.terms import Terms
-from dynkit.systems.impact.orbits.machine import Machine, difference, moved
+from dynkit.systems.impact.orbits.machine import Machine, difference
 from dynkit.systems.impact.orbits.orbit import NONE
 from dynkit.systems.impact.orbits.problem import APART, ImpactProblem
 from dynkit.systems.impact.simulation.parameters import changes_alone
@@ -320,19 +320,17 @@ class ItineraryEquations(ImpactProblem):
         first = n - self.layout.states
         own, last = np.arange(first, first + self.dimension), np.arange(n - self.dimension, n)
         others, rest = np.setdiff1d(np.arange(n), own), np.setdiff1d(np.arange(n), last)
-        place, flow = s.before[0], s.flows[-1]
+        place, flights = s.before[0], s.flights(s.following[-1].mode)
 
         def jacobian(state: Array) -> Array:
             begun, y = place.copy(), x.copy()
             begun[: self.dimension] += unit * (basis @ state)
             for _ in range(_STEPS):
-                until = np.array([(y[0] - at) / s.clock])
-                (passed,) = moved(flow[None], until, self._measures)
-                z = passed @ begun
+                z, passed = flights.passed(begun, float((y[0] - at) / s.clock))
                 y[own] = z[: self.dimension]
                 there = self.at(y, p)
                 matrix = there.jacobian(1.0)
-                moving = (flow @ z)[: self.dimension] / s.clock
+                moving = flights.rates(z[None])[0, : self.dimension] / s.clock
                 whole = matrix.copy()
                 whole[:, 0] += matrix[:, own] @ moving
                 step = np.linalg.solve(whole[np.ix_(rest, others)], there.left[rest])
@@ -349,7 +347,7 @@ class ItineraryEquations(ImpactProblem):
             begin = matrix[np.ix_(last, own)] + np.eye(self.dimension)
             ended = begin @ (to + np.outer(moving, others_by[0]))
             ended += matrix[np.ix_(last, others)] @ others_by
-            ended -= np.outer((flow @ there.reached[-1])[: self.dimension] / s.clock, others_by[0])
+            ended -= np.outer(there.moving[-1, : self.dimension] / s.clock, others_by[0])
             back = np.linalg.solve(passed[: self.dimension, : self.dimension], ended)
             return np.asarray(basis.T @ (back / unit[:, None]))
 

@@ -14,6 +14,7 @@ from dynkit.orbits.newton import NoConvergence
 from dynkit.systems.impact.elements.element import HALT, JUMP, Element, EventKind
 from dynkit.systems.impact.elements.laws import ImpactLaw
 from dynkit.systems.impact.elements.stops import HardStop
+from dynkit.systems.impact.orbits.itineraries.flying import flights_of, number_of
 from dynkit.systems.impact.orbits.machine import Machine, Regimes
 from dynkit.systems.impact.records.event_counts import element_names
 from dynkit.systems.impact.simulation.automaton import cycled_by, halts
@@ -158,8 +159,8 @@ def check_elements(oscillator: ImpactMap) -> None:
 def _check_sticks(oscillator: ImpactMap, law: Any) -> None:
     """Raise NotImplementedError where contact with a stop is not known."""
     where = f"with an impact law; got {law!r}" if isinstance(law, ImpactLaw) else ""
-    if oscillator._motion is not None:
-        where = "where energies are not quadratic"
+    if oscillator._motion is not None and not oscillator._motion.equations.constant_mass:
+        where = "where the mass matrix depends on the coordinates"
     if where:
         raise NotImplementedError(
             f"orbits by itinerary must not stick to a stop {where}: "
@@ -176,22 +177,8 @@ def regimes_of(oscillator: ImpactMap, numbers: Sequence[int]) -> Regimes:
         k = guard.element
         rests = now[k].guards[0].event == HALT and numbers[k] == 0
         if automaton.modes[guard.mode] is mode and guard.watch.event != JUMP and not rests:
-            watched.append((k, _number(now[k].guards, guard.watch)))
+            watched.append((k, number_of(now[k].guards, guard.watch)))
     return Regimes(tuple(numbers), tuple(sorted(sum(parts.grips(numbers), ()))), tuple(watched))
-
-
-def guard_of(oscillator: ImpactMap, regimes: Regimes, element: int, guard: int) -> int:
-    """Number of a guard among those of its mode, by its number in the regime of its element."""
-    mode = oscillator._automaton.mode(regimes.numbers)
-    own = oscillator._elements[element].regimes[regimes.numbers[element]].guards
-    found = (k == element and _number(own, watch) == guard for k, watch in mode.guards)
-    return list(found).index(True)
-
-
-def _number(guards: Sequence[Any], watch: Any) -> int:
-    """Which of the guards of a regime it is: what it does may depend on what others hold."""
-    own = watch.to, watch.gap, watch.rate, watch.force, watch.level
-    return [(w.to, w.gap, w.rate, w.force, w.level) for w in guards].index(own)
 
 
 def events_seen(oscillator: ImpactMap, run: Trajectory, named: bool = True) -> Seen:
@@ -251,13 +238,14 @@ def events_seen(oscillator: ImpactMap, run: Trajectory, named: bool = True) -> S
             before = lasting
         last = begin
         mode, regime = mode_of(before), automaton.parts.now(run.regimes[before])[guard.element]
-        number, z = _number(regime.guards, guard.watch), reached[k - 1]
+        number, z = number_of(regime.guards, guard.watch), reached[k - 1]
         if not hit:
             row = machine.watched(mode, guard.element, number)
+            value = flights_of(oscillator, machine, mode).watched(guard.element, number, z)
             if (
                 guard.element in now
                 or guard.watch.event == JUMP
-                or abs(row @ z) > _ZERO * (abs(row) @ sizes)
+                or abs(value) > _ZERO * (abs(row) @ sizes)
             ):
                 continue
         kicked = mode_of(int(parts.mode[k - 1])) if hit else None
@@ -295,8 +283,8 @@ def _name(
     turn = np.stack([np.sin(phases), np.cos(phases), np.ones_like(phases)], axis=1)
     z = np.concatenate([np.array(states[begin:]), turn], axis=1)
     z -= (1.0 + machine.restitution(k)) * np.outer(z @ machine.rate(k), machine.kick(last.mode, k))
-    flow = machine.flow(last.mode)
-    pressing = -z @ (machine.gap(k) @ flow @ flow)
+    moving = flights_of(run.start._system, machine, last.mode)
+    pressing = -moving.rates(z) @ machine.rate(k)
     flights, change = np.diff(times[begin:]), abs(np.diff(pressing))
     smooth = np.minimum(pressing[:-1], pressing[1:]) > 2.0 * change
     smooth[1:] &= flights[1:] < flights[:-1]

@@ -15,6 +15,7 @@ from dynkit.orbits.newton import NoSolution
 from dynkit.systems.impact.orbits.flights import Curve
 from dynkit.systems.impact.orbits.itineraries import divided
 from dynkit.systems.impact.orbits.itineraries.chatter import Chatter
+from dynkit.systems.impact.orbits.itineraries.flying import Flights, LinearFlights
 from dynkit.systems.impact.orbits.itineraries.itinerary import Course
 from dynkit.systems.impact.orbits.itineraries.motion import ROUNDING, ItinerarySolution, Lap
 from dynkit.systems.impact.orbits.itineraries.simulated import is_motion
@@ -130,9 +131,19 @@ class ShootingSolution(ItinerarySolution):
         """
         out = self._flown.copy()
         for i, chatter in self.chatters.items():
-            changes, later = chatter.carried(self.machine, np.eye(len(out[i])))
-            out[i] = out[i] @ (changes - (self.flows[i] @ chatter.begin)[:, None] * later)
+            changes, later = self._carried(i, chatter, np.eye(len(out[i])))
+            (rate,) = self.flights(self.following[i].mode).rates(chatter.begin[None])
+            out[i] = out[i] @ (changes - rate[:, None] * later)
         return out
+
+    def flights(self, mode: Regimes) -> Flights:
+        """The flights in a mode."""
+        return LinearFlights(self.machine, mode, self.measures)
+
+    def _carried(self, i: int, chatter: Chatter, changes: Array) -> tuple[Array, Array]:
+        flying = self.itinerary[i].kicked
+        assert flying is not None
+        return chatter.carried(self.machine, self.flights(flying), changes)
 
     @property
     def _flown(self) -> Any:
@@ -149,7 +160,10 @@ class ShootingSolution(ItinerarySolution):
             return self._known[i]
         if self.impulses[self.impulse_of[i]] < 0.0:
             raise NoSolution("the chatter must begin with an impact that pushes")
-        own = self.itinerary[i], self.following[i].mode, state, float(abs(self.impulses).max())
+        event, held = self.itinerary[i], self.following[i].mode
+        assert event.kicked is not None
+        flights = self.flights(event.kicked), self.flights(held)
+        own = event, flights, held, state, float(abs(self.impulses).max())
         found = Chatter(self.oscillator, self.machine, *own)
         if self.durations[i] < found.lasts:
             raise NoSolution("the chatter must be complete before the next event")
@@ -157,14 +171,17 @@ class ShootingSolution(ItinerarySolution):
 
     def _caught(self, i: int, chatter: Chatter, state: Any) -> tuple[Any, Any]:
         """State (D,) before the next event, and (D, D) from contact on, where a chatter follows."""
-        late = np.array([self.durations[i] - chatter.lasts])
-        (held,) = moved(self.flows[i : i + 1], late, self.measures)
-        begin: Any = chatter.begin
-        if np.iscomplexobj(state):
-            changes, later = chatter.carried(self.machine, state.imag[:, None] / STEP)
-            changes = changes[:, 0] - (self.flows[i] @ begin).real * later
-            begin = begin + 1j * STEP * changes
+        late, begin = self.durations[i] - chatter.lasts, self._begun_on(i, chatter, state)
+        (held,) = moved(self.flows[i : i + 1], np.array([late]), self.measures)
         return held @ begin, held
+
+    def _begun_on(self, i: int, chatter: Chatter, state: Any) -> Any:
+        """State (D,) with which contact begins, and its imaginary changes at a given time."""
+        if not np.iscomplexobj(state):
+            return chatter.begin
+        changes, later = self._carried(i, chatter, state.imag[:, None] / STEP)
+        (rate,) = self.flights(self.following[i].mode).rates(chatter.begin[None])
+        return chatter.begin + 1j * STEP * (changes[:, 0] - rate * later)
 
     @cached_property
     def _way(self) -> tuple[Any, Any, Any, Any, dict[int, Chatter]]:
@@ -441,18 +458,23 @@ class ShootingSolution(ItinerarySolution):
     def passed(self, since: Array) -> Array:
         begin = (self.event_phases - self.event_phases[0]) / self.clock
         which = np.clip(np.searchsorted(begin, since, side="right") - 1, 0, None)
-        after, states = since - begin[which], np.array(self.after[which])
+        after, out = since - begin[which], np.empty((len(since), self.dimension))
+        for i in np.unique(which).tolist():
+            out[which == i] = self._passed(i, after[which == i])
         for i, chatter in self.chatters.items():
-            here = which == i
-            after[here] -= chatter.lasts
-            states[here] = chatter.begin
-        z = moved(self.flows[which], np.maximum(after, 0.0), self.measures)
-        out = np.asarray((z @ states[:, :, None])[:, : self.dimension, 0])
-        for i, chatter in self.chatters.items():
-            here = np.flatnonzero((which == i) & (after < 0.0))
-            bouncing = sample_run(self.oscillator, chatter.run, chatter.lasts + after[here])
+            here = np.flatnonzero((which == i) & (after < chatter.lasts))
+            bouncing = sample_run(self.oscillator, chatter.run, after[here])
             out[here] = np.concatenate(bouncing, axis=1)
         return out
+
+    def _passed(self, i: int, durations: Array) -> Array:
+        """States (k, 2N) at durations (k,) after event `i`, after its chatter those in contact."""
+        start = self.after[i]
+        if i in self.chatters:
+            start, durations = self.chatters[i].begin, durations - self.chatters[i].lasts
+        flows = np.broadcast_to(self.flows[i], (len(durations), *self.flows[i].shape))
+        z = moved(flows, np.maximum(durations, 0.0), self.measures)
+        return np.asarray((z @ start)[:, : self.dimension])
 
     def flown(self, i: int, phase: float) -> Array:
         """The state (2N,) at a phase after event `i`."""

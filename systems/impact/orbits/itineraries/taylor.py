@@ -11,12 +11,13 @@ from numpy.polynomial import Chebyshev, chebyshev, polynomial
 from scipy.special import factorial
 
 from dynkit.core.differences import numerical_derivative
-from dynkit.core.no_motion import CannotFollow, Diverged
 from dynkit.core.validation import Array
 from dynkit.orbits.newton import NoSolution
 from dynkit.systems.impact.orbits.flights import Curve
+from dynkit.systems.impact.orbits.itineraries.chatter import Chatter
 from dynkit.systems.impact.orbits.itineraries.divided import Pair
-from dynkit.systems.impact.orbits.itineraries.itinerary import Course, Happening, guard_of
+from dynkit.systems.impact.orbits.itineraries.flying import TaylorFlights
+from dynkit.systems.impact.orbits.itineraries.itinerary import Course, Happening
 from dynkit.systems.impact.orbits.itineraries.motion import ROUNDING, Lap
 from dynkit.systems.impact.orbits.itineraries.shooting import Scene, ShootingSolution
 from dynkit.systems.impact.orbits.machine import STEP, Machine, Numbers
@@ -24,7 +25,7 @@ from dynkit.systems.impact.variational.taylor_derivative import DIFFERENCES, gra
 
 if TYPE_CHECKING:
     from dynkit.systems.impact.elements.element import Watch
-    from dynkit.systems.impact.modes.taylor_mode import Path, TaylorMode
+    from dynkit.systems.impact.modes.taylor_mode import Path
     from dynkit.systems.impact.orbits.machine import Regimes
 
 _POINTS = 24
@@ -60,53 +61,31 @@ class TaylorSolution(ShootingSolution):
         pairs: list[Pair | None],
         driven: bool,
         still: TaylorSolution | None = None,
-        flights: Any = None,
+        changes: dict[Regimes, Array] | None = None,
     ) -> None:
-        super().__init__(scene, course, lap, pairs, driven)
-        self._still, self._flights = still, flights
+        known = None if still is None else still.chatters
+        super().__init__(scene, course, lap, pairs, driven, known)
+        self._still, self._changes = still, changes or {}
         self._kicks: dict[int, Array] = {}
         self._turned: dict[int, Array] = {}
 
+    def flights(self, mode: Regimes) -> TaylorFlights:
+        return TaylorFlights(self.oscillator, mode, self._changes.get(mode))
+
     @cached_property
-    def modes(self) -> list[TaylorMode]:
-        """The modes (n,) that follow the events."""
-        return [self._mode(event.mode) for event in self.following]
-
-    def _mode(self, mode: Regimes) -> Any:
-        return self.oscillator._automaton.mode(mode.numbers)
-
-    def _short(self, z: Array) -> Array:
-        """A state (2, N + 1) of whole states (D,)."""
-        x, v = z[: self.dimension].reshape(2, -1)
-        return np.stack([np.append(x, z[-3]), np.append(v, z[-2])])
-
-    def _wide(self, rows: Array, z: Array) -> Array:
-        """Rows (..., D) of rows (..., 2N + 1) that end with derivatives by the phase of a state."""
-        by_phase = rows[..., -1:]
-        ends = by_phase * z[-2], -by_phase * z[-3], 0.0 * by_phase
-        return np.concatenate([rows[..., :-1], *ends], axis=-1)
-
-    def _rate(self, mode: TaylorMode, z: Array) -> Array:
-        """Rate (D,) of a state."""
-        (found,) = mode.rate(self._short(z)[None])
-        return np.concatenate([*found[:, :-1], found[:, -1], [0.0]])
-
-    def _tangent(self, j: int) -> Array:
-        """Derivative (D, D) of the rate of the state by the one after event `j`."""
-        z, n, d = self.after[j].real, self.dimension // 2, self.dimension
-        out, w = np.zeros((d + 3, d + 3)), self.clock.real
-        out[:n, n:d] = np.eye(n)
-        out[n:d] = self._wide(self.modes[j].gradients(self._short(z), rates=True), z)
-        out[-3, -2], out[-2, -3] = w, -w
-        return out
+    def _modes(self) -> list[TaylorFlights]:
+        """Flights (n,) after the events."""
+        return [self.flights(event.mode) for event in self.following]
 
     # --- on the way -------------------------------------------------------------------------------
 
     @cached_property
-    def _way(self) -> tuple[Any, Any, Any, Any, dict[int, Any]]:
+    def _way(self) -> tuple[Any, Any, Any, Any, dict[int, Chatter]]:
         n, d, kind = self.events, self.dimension, np.result_type(self.machine.frequency)
+        if self.course.sticks and not (self.durations.real > 0.0).all():
+            raise NoSolution("events must come one after the other")
         before, after, reached = np.empty((3, n, d + 3), dtype=kind)
-        flown = np.zeros((n, d + 3, d + 3))
+        flown, chatters = np.zeros((n, d + 3, d + 3)), {}
         state: Any = None
         for i, event in enumerate(self.itinerary):
             state = self.lap.states[self._node_of[i]] if i in self._node_of else state
@@ -115,58 +94,54 @@ class TaylorSolution(ShootingSolution):
             if event.kicked:
                 impulse = self.impulses[self.impulse_of[i]]
                 pushed = pushed + impulse * self._kick(i, event.kicked, before[i])
-            caught = self.machine.caught(event.mode, self.following[i].mode)
-            after[i] = caught @ pushed
-            reached[i], flown[i] = self._flight(i, after[i])
+            after[i] = self._reset(i) @ pushed
+            start, lasts = after[i], self.durations[i]
+            if event.chatters:
+                chatters[i] = self._chatter(i, after[i])
+                start = self._begun_on(i, chatters[i], after[i])
+                lasts = lasts - chatters[i].lasts
+            reached[i], flown[i] = self._flight(i, start, lasts)
             state = reached[i, :d]
-        return before, after, reached, flown, {}
+        return before, after, reached, flown, chatters
+
+    def _reset(self, i: int) -> Any:
+        event, after = self.itinerary[i], self.following[i]
+        if event.chatters:
+            return self.machine.put_on(event.element)
+        return self.machine.caught(event.mode, after.mode)
 
     def _kick(self, i: int, kicked: Regimes, z: Array) -> Array:
-        mode, k, n = self._mode(kicked), self.itinerary[i].element, self.dimension // 2
-        if mode.constant_kicks:
+        flights, k, n = self.flights(kicked), self.itinerary[i].element, self.dimension // 2
+        if flights.mode.constant_kicks:
             self._kicks[i] = self.machine.kick(kicked, k)
             return np.asarray(self._kicks[i])
         out = np.zeros(len(z))
 
         def kick(given: Array) -> Array:
-            return np.asarray(mode.kick(k, given[:n], float(given[n])))
+            return np.asarray(flights.mode.kick(k, given[:n], float(given[n])))
 
         here = np.append(z[:n], np.arctan2(z[-3], z[-2]))
         out[n : 2 * n] = kick(here)
         by_place = numerical_derivative(kick, here, accuracy=DIFFERENCES)[0]
         rows = np.zeros((n, 2 * n + 1))
         rows[:, :n], rows[:, -1] = by_place[:, :n], by_place[:, n]
-        self._turned[i] = self._wide(rows, z)
+        self._turned[i] = flights.wide(rows, z)
         self._kicks[i] = out
         return out
 
-    def _flight(self, i: int, z: Array) -> tuple[Array, Array]:
-        """State (D,) at the next event, and derivative (D, D) by the one after event `i`."""
-        if self._still is not None:
-            return self._changed(self._still, i, z.imag / STEP), self._still.transitions[i]
-        return self._moved(i, z, float(self.durations[i]))
+    def _flight(self, i: int, z: Array, lasts: Any) -> tuple[Array, Array]:
+        """State (D,) at the next event, and derivative (D, D) by the one from which it flies.
 
-    def _moved(self, i: int, z: Array, lasts: float) -> tuple[Array, Array]:
-        try:
-            end, flow = self.modes[i].flow(self._short(z), lasts, self.itinerary[i].element)
-        except (Diverged, CannotFollow) as refusal:
-            raise NoSolution(str(refusal)) from refusal
-        out, (x, v) = np.zeros((len(z), len(z))), self.modes[i].motion(end)
-        out[: self.dimension] = self._wide(flow[:-1], z)
-        angle = self.clock * lasts
-        s, c = np.sin(angle), np.cos(angle)
-        out[-3:-1, -3:-1] = [[c, s], [-s, c]]
-        out[-1, -1] = 1.0
-        return np.concatenate([x, v, end[:, -1], [1.0]]), out
-
-    def _changed(self, still: TaylorSolution, i: int, change: Array) -> Array:
-        """The state (D,) at the next event, with imaginary changes by those after event `i`."""
-        start, lasts = self._short(still.after[i]), self.durations[i]
-        numbers = self._flights[self.following[i].mode]
-        out = still.transitions[i] @ change + still.moving[i] * lasts.imag / STEP
-        out[: self.dimension] += still.modes[i].changed(start, float(lasts.real), numbers)
+        With imaginary changes of both.
+        """
+        flights, still = self._modes[i], self._still
+        if still is None:
+            return flights.passed(z, lasts)
+        flown = still._flown[i]
+        out = flown @ z.imag / STEP + still.moving[i] * lasts.imag / STEP
+        out += flights.changed(z.real, float(lasts.real))
         out[self.dimension :] = 0.0  # phases are given
-        return np.asarray(still.reached[i] + 1j * STEP * out)
+        return still.reached[i] + 1j * STEP * out, flown
 
     @property
     def kicks(self) -> Any:
@@ -177,16 +152,17 @@ class TaylorSolution(ShootingSolution):
     @cached_property
     def resets(self) -> Any:
         n, out = self.dimension // 2, []
-        for i, (event, after) in enumerate(zip(self.itinerary, self.following, strict=True)):
+        for i in range(self.events):
             reset = np.eye(self.dimension + 3)
             if len(self.before) and i in self._turned:
                 reset[n : 2 * n] += self.impulses[self.impulse_of[i]] * self._turned[i]
-            out.append(self.machine.caught(event.mode, after.mode) @ reset)
+            out.append(self._reset(i) @ reset)
         return np.array(out)
 
     @cached_property
     def moving(self) -> Any:
-        return np.array([self._rate(*pair) for pair in zip(self.modes, self.reached, strict=True)])
+        pairs = zip(self._modes, self.reached, strict=True)
+        return np.array([flights.rate(z) for flights, z in pairs])
 
     # --- what is watched --------------------------------------------------------------------------
 
@@ -199,13 +175,13 @@ class TaylorSolution(ShootingSolution):
         if not self._observed(Happening(mode, element, guard)).force:
             row = self.machine.watched(mode, element, guard)
             return row @ z, row
-        there, now = self._mode(mode), z.real
-        number, state = guard_of(self.oscillator, mode, element, guard), self._short(now)
-        value, row = there.watched(number, state)[0], gradient(there, number, state)
-        row = self._wide(row, now)
+        flights, now = self.flights(mode), z.real
+        there, state = flights.mode, flights.short(now)
+        number, value = flights.guard(element, guard), flights.watched(element, guard, now)
+        row = flights.wide(gradient(there, number, state), now)
         if self._still is None:
             return value, row
-        by = there.gradients(state, self._flights[mode], rates=False)[number]
+        by = there.gradients(state, self._changes[mode], rates=False)[number]
         return value + 1j * (row @ z.imag + STEP * by), row
 
     @cached_property
@@ -227,27 +203,23 @@ class TaylorSolution(ShootingSolution):
 
     def acceleration(self, i: int) -> tuple[float, float]:
         k, row = self.hits[i], self.machine.rate(int(self.sides[i]))
-        terms = row * self._rate(self.modes[k], self.after[k])
+        terms = row * self._modes[k].rate(self.after[k])
         return float(terms.sum()), ROUNDING * float(abs(terms).sum())
 
-    def _path(self, i: int) -> Path:
-        """The flight after event `i`."""
-        return self.modes[i].path(self._short(self.after[i]), max(float(self.durations[i]), 0.0))
-
-    def _at(self, i: int, durations: Array) -> Array:
-        """States (k, D) at durations (k,) after event `i`."""
-        return self._whole(self._path(i).states(durations))
-
-    def _whole(self, states: Array) -> Array:
-        x, v = states[:, 0, :-1], states[:, 1, :-1]
-        return np.concatenate([x, v, states[..., -1], np.ones((len(x), 1))], axis=1)
+    def _path(self, i: int) -> tuple[Path, float]:
+        """The flight after event `i`, of its chatter contact, and for how long it is late."""
+        start, late = self.after[i], 0.0
+        if i in self.chatters:
+            start, late = self.chatters[i].begin, self.chatters[i].lasts
+        return self._modes[i].path(start, float(self.durations[i]) - late), late
 
     def curve(self, i: int, element: int, guard: int = 0) -> Curve:
-        mode, path = self.following[i].mode, self._path(i)
+        mode, (path, late) = self.following[i].mode, self._path(i)
         watch = self._observed(Happening(mode, element, guard))
         row, parts, size = self.machine.watched(mode, element, guard), [], 0.0
         for begin, end in pairwise([*path.ends[:-1].tolist(), path.reach]):
-            z = self._whole(path.states(0.5 * (begin + end) + 0.5 * (end - begin) * _PLACES))
+            places = 0.5 * (begin + end) + 0.5 * (end - begin) * _PLACES
+            z = self._modes[i].whole(path.states(places))
             values = z @ row
             if watch.force:
                 values = np.array([self.watch(mode, element, guard, here)[0] for here in z])
@@ -263,19 +235,19 @@ class TaylorSolution(ShootingSolution):
                 out[:, here] = [own[k](times[here]) for own in orders[:count]]
             return out
 
-        lasts = float(self.durations[i])
+        lasts = float(self.durations[i]) - late
         bend = max(float(abs(own(own.linspace(9)[0])).max()) for own in orders[2])
         return Curve(at, lasts, (size, bend))
 
     @cached_property
     def norms(self) -> Array:
-        return np.array([_NORM * (len(self._path(i).ends) - 1) for i in range(self.events)])
+        return np.array([_NORM * (len(self._path(i)[0].ends) - 1) for i in range(self.events)])
 
     # --- divided differences ----------------------------------------------------------------------
 
     def _series(self, j: int, row: Array) -> tuple[Array, bool]:
         """Taylor coefficients (k,) of a row at the begin of a flight; whether its end is near."""
-        path, w = self._path(j), self.oscillator.frequency
+        (path, _), w = self._path(j), self.oscillator.frequency
         order = np.arange(path.coefficients.shape[2])
         z, weights = path.coefficients[0].T, w**order / factorial(order)
         phase = np.arctan2(*self.after[j, -3:-1]) + 0.5 * np.pi * order
@@ -300,13 +272,11 @@ class TaylorSolution(ShootingSolution):
 
     def _begun(self, j: int) -> Any:
         """Rate (D,) of the state after event `j`."""
-        mode, z, n = self.modes[j], self.after[j], self.dimension // 2
-        found = self._rate(mode, z.real)
+        flights, z = self._modes[j], self.after[j]
+        found = flights.rate(z.real)
         if self._still is None:
             return found
-        by = self._tangent(j) @ z.imag
-        changes = self._flights[self.following[j].mode]
-        by[n : 2 * n] += STEP * mode.gradients(self._short(z.real), changes, rates=True)
+        by = flights.tangent(z.real) @ z.imag + STEP * flights.rate_changed(z.real)
         by[-3:-1] += self.clock.imag * np.array([z[-2].real, -z[-3].real])
         return found + 1j * by
 
@@ -322,10 +292,10 @@ class TaylorSolution(ShootingSolution):
         least, flown = _LEAST / self.clock, self.transitions[j]
         if abs(t) < least:  # there it hardly depends on the duration
             t = least
-            _, flown = self._moved(j, start, t)
+            _, flown = self._modes[j].passed(start, t)
         by_state = row @ flown - row
         if q > 1:
-            by_state -= t * (row @ self._tangent(j))
+            by_state -= t * (row @ self._modes[j].tangent(start))
         return by_state / t**q, float(late)
 
     def quotient_rounding(self, j: int, row: Any, q: int) -> float:
@@ -348,29 +318,22 @@ class TaylorSolution(ShootingSolution):
 
         That is where masses vary.
         """
-        if not all(mode.constant_kicks for mode in self.modes):
+        if not all(flights.mode.constant_kicks for flights in self._modes):
             return None
         modes = sorted({event.mode for event in self.itinerary})
-        flights = {mode: self._mode(mode).numbers for mode in modes}
-        ends = np.cumsum([len(numbers) for numbers in flights.values()])
-        parts = dict(zip(flights, np.split(change[1].flights, ends[:-1]), strict=True))
+        ends = np.cumsum([len(self.flights(mode).mode.numbers) for mode in modes])
+        parts = dict(zip(modes, np.split(change[1].flights, ends[:-1]), strict=True))
         scene = self.scene._replace(machine=Machine(self.oscillator, change[0]))
         given = scene, self.course, self.lap, self.pairs, self.driven
-        there = TaylorSolution(*given, self, parts)
-        return np.asarray(there.left.imag / STEP)
+        return np.asarray(TaylorSolution(*given, self, parts).left.imag / STEP)
 
-    def passed(self, since: Array) -> Array:
-        begin = (self.event_phases - self.event_phases[0]) / self.clock
-        which = np.clip(np.searchsorted(begin, since, side="right") - 1, 0, None)
-        out = np.empty((len(since), self.dimension))
-        for i in np.unique(which).tolist():
-            here = which == i
-            out[here] = self._at(i, np.maximum(since[here] - begin[i], 0.0))[:, :-3]
-        return out
+    def _passed(self, i: int, durations: Array) -> Array:
+        path, late = self._path(i)
+        return self._modes[i].whole(path.states(np.maximum(durations - late, 0.0)))[:, :-3]
 
     def flown(self, i: int, phase: float) -> Array:
         late = np.array([(phase - self.event_phases[i]) / self.clock])
-        return np.asarray(self._at(i, late)[0, :-3])
+        return np.asarray(self._passed(i, late)[0])
 
 
 _PLACES = np.cos(np.pi * (np.arange(_POINTS) + 0.5) / _POINTS)
