@@ -19,7 +19,7 @@ from dynkit.systems.impact.orbits.itineraries.itinerary import Course
 from dynkit.systems.impact.orbits.itineraries.motion import ROUNDING, ItinerarySolution, Lap
 from dynkit.systems.impact.orbits.itineraries.simulated import is_motion
 from dynkit.systems.impact.orbits.machine import STEP, Machine, Numbers, moved, run_through
-from dynkit.systems.impact.simulation.sampling import sample_run
+from dynkit.systems.impact.simulation.sampling import sample_run, sample_sliders
 from dynkit.systems.impact.simulation.state import TWO_PI
 
 _ROUNDING = 2.0**-52
@@ -191,7 +191,7 @@ class ShootingSolution(ItinerarySolution):
 
     @property
     def before(self) -> Any:
-        """Positions and velocities (n, 2N), or more, just before the events."""
+        """Whole states (n, D) just before the events."""
         return self._way[0]
 
     @property
@@ -405,12 +405,12 @@ class ShootingSolution(ItinerarySolution):
         out = np.asarray((z @ states[:, :, None])[:, : self.dimension, 0])
         for i, chatter in self.chatters.items():
             here = np.flatnonzero((which == i) & (after < 0.0))
-            bouncing = sample_run(self.oscillator, chatter.run, chatter.lasts + after[here])
-            out[here] = np.concatenate(bouncing, axis=1)
+            own = self.oscillator, chatter.run, chatter.lasts + after[here]
+            out[here] = np.concatenate([*sample_run(*own), sample_sliders(*own)], axis=1)
         return out
 
     def flown(self, i: int, phase: float) -> Array:
-        """The state (2N,) at a phase after event `i`."""
+        """The state (2N + J,) at a phase after event `i`."""
         late = np.array([(phase - self.event_phases[i]) / self.clock])
         z = moved(self.flows[i : i + 1], late, self.measures)[0] @ self.after[i]
         return np.asarray(z[:-3])
@@ -464,7 +464,7 @@ class ShootingSolution(ItinerarySolution):
 
     @property
     def multipliers(self) -> Any:
-        """Floquet multipliers (2N,), the largest modulus first; some of what sticks are zero."""
+        """Floquet multipliers (2N + J,), the largest modulus first; some of what sticks are zero."""
         factors, _ = self.factors
         found = np.zeros(self.dimension - (not self.driven), dtype=complex)
         if self.course.sticks and not self.impulses.all():
