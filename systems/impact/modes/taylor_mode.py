@@ -93,6 +93,10 @@ class TaylorMode:
         """Positions and velocities (..., N) of states."""
         return np.array(states[..., 0, :-1]), np.array(states[..., 1, :-1])
 
+    def sliders(self, states: Array) -> Array:
+        """Places of sliders, of which there are none: (..., 0)."""
+        return np.empty((*states.shape[:-2], 0))
+
     def seen_from(self, one: TaylorMode, stop: Element | None = None) -> Array:  # noqa: ARG002
         """Change of the state from another mode: none, (2 N + 2, 2 N + 3)."""
         size = 2 * self.layout.slots

@@ -1,10 +1,10 @@
 """Oscillators as matrices, and what their motions make of small changes of any parameter.
 
-States z are positions, velocities, sine and cosine of the phase, and 1: (2N + 3,). In them a flight
-is exp(A t), contact exp(B t), gaps and forces are rows, and all of them follow from the masses,
-dashpots, springs, forces and stops by formulas that are analytic. So they take numbers with an
-imaginary part, and that of a result over that of the numbers is the derivative, without a
-difference that could cancel.
+States z are positions, velocities, places of the sliders, sine and cosine of the phase, and 1:
+(D,), D = 2N + J + 3. In them a flight is exp(A t), contact exp(B t), gaps and forces are rows, and
+all of them follow from the masses, dashpots, springs, forces and stops by formulas that are
+analytic. So they take numbers with an imaginary part, and that of a result over that of the numbers
+is the derivative, without a difference that could cancel.
 
 References
 ----------
@@ -32,6 +32,9 @@ if TYPE_CHECKING:
 STEP = 1e-40
 """Size of imaginary parts: its square vanishes beside one."""
 
+_OF_GUARD = 5
+"""Numbers of a guard."""
+
 _AGREEMENT = 1e-12
 _DIFFERENCE = 1e-3
 
@@ -43,6 +46,7 @@ def numbers_of(oscillator: DrivenStructure, modes: Sequence[Regimes] = ()) -> Ar
     """
     o, excitation = oscillator, oscillator._excitation
     forces = [excitation.harmonic.real, excitation.harmonic.imag, excitation.constant]
+    forces = [part[: o.degrees_of_freedom] for part in forces]  # none act on sliders
     parts: list[Any] = [o.frequency, *forces, o.mass, o.damping_matrix, o.stiffness]
     parts += [_numbers(element) for element in o._elements]
     parts += [o._automaton.mode(mode.numbers).numbers for mode in modes]
@@ -56,7 +60,8 @@ def _numbers(element: Element) -> Array:
     own.append(0.0 if isinstance(law, ImpactLaw) else law)
     for regime in element.regimes:
         own += [regime.push, regime.stiffness, regime.damping]
-        own += [n for w in regime.guards for n in (w.gap, w.rate, w.force, w.level)]
+        for w in regime.guards:
+            own += [w.gap, w.rate, w.force, w.stretch, w.level]
     return np.array([*own, *_law_numbers(element).values()], dtype=float)
 
 
@@ -132,7 +137,7 @@ class Numbers(NamedTuple):
 
 
 def _count(element: Element) -> int:
-    regimes = sum(3 + 4 * len(regime.guards) for regime in element.regimes)
+    regimes = sum(3 + _OF_GUARD * len(regime.guards) for regime in element.regimes)
     return 5 + regimes + len(_law_numbers(element))
 
 
@@ -222,7 +227,9 @@ class Machine:
             numbers = numbers + 1j * STEP * change[: len(numbers)]
         self.frequency, forces, matrices, self._own, _ = Numbers.split(oscillator, numbers)
         self.mass, self.damping, self.stiffness = matrices
-        self._given: Any = np.hstack([-self.stiffness, -self.damping, forces.T])
+        self.sliders = oscillator._automaton.sliders
+        beside = np.zeros((self.size, len(self.sliders)))
+        self._given: Any = np.hstack([-self.stiffness, -self.damping, beside, forces.T])
         self._modes: dict[Regimes, tuple[Any, Any]] = {}
 
     def closed(self, element: int) -> Regimes:
@@ -281,14 +288,24 @@ class Machine:
         row[-1] = -self._own[element][3]
         return self.elements[element].sign * row
 
+    def stretch(self, element: int) -> Any:
+        """Row of the stretch of the spring to a slider."""
+        row = np.zeros_like(self._given[0])
+        row[: self.size] = self.elements[element].row(self.size)
+        row[self.size + self.sliders[element]] = -1.0
+        return self.elements[element].sign * row
+
     def flow(self, mode: Regimes) -> Any:
-        """A, (2N + 3, 2N + 3), of a mode."""
+        """A, (D, D), of a mode."""
         return self._mode(mode)[0]
 
     def watched(self, mode: Regimes, element: int, guard: int) -> Any:
         """Row of what the element watches there: guard number `guard` of its regime."""
-        gap, rate, force, level = self._regime(mode, element)[3 + 4 * guard : 7 + 4 * guard]
+        own = self._regime(mode.numbers[element], element)[3 + _OF_GUARD * guard :][:_OF_GUARD]
+        gap, rate, force, stretch, level = own
         row = gap * self.gap(element) + rate * self.rate(element)
+        if element in self.sliders:
+            row = row + stretch * self.stretch(element)
         if element in mode.held:
             row = row + force * self.force(mode, element)
         row[-1] += level
@@ -324,7 +341,7 @@ class Machine:
     def caught(self, mode: Regimes, after: Regimes) -> Any:
         """(2N + 3, 2N + 3): of what holds or sticks after an event, and not before, rates are lost.
 
-        By impulses along all that then holds.
+        By impulses along all that then holds. What then slides is where its spring bears it.
         """
         out: Any = np.eye(len(self._given[0]))
         if set(after.held) - set(mode.held):
@@ -334,6 +351,13 @@ class Machine:
             response = np.linalg.solve(self.mass, rows.T)
             out = out.astype(rates.dtype)
             out[n : 2 * n] -= response @ np.linalg.solve(rows @ response, rates)
+        for k, place in self.sliders.items():
+            push = self._regime(after.numbers[k], k)[0]
+            if push:  # it slides, where its spring bears the friction
+                row = self.stretch(k)
+                row[-1] += push / self._regime(0, k)[1]
+                out = out.astype(np.result_type(out, row))
+                out[self.size + place] += self.elements[k].sign * row
         return out
 
     def _mode(self, mode: Regimes) -> tuple[Any, Any]:
@@ -345,31 +369,38 @@ class Machine:
     def _built(self, mode: Regimes) -> tuple[Any, Any]:
         n, w, given = self.size, self.frequency, self._given.copy()
         for k, element in enumerate(self.elements):
-            push, stiffness, damping = self._regime(mode, k)[:3]
+            push, stiffness, damping = self._regime(mode.numbers[k], k)[:3]
             if push or stiffness or damping:
-                force: Any = -stiffness * self.gap(k) - damping * self.rate(k)
+                along = self.stretch(k) if k in self.sliders else self.gap(k)
+                force: Any = -stiffness * along - damping * self.rate(k)
                 force[-1] += push
                 given += element.sign * np.outer(element.row(n), force)
         rows = self._rows(mode.held)
         both = np.linalg.solve(self.mass, np.hstack([given, rows.T]))
-        accelerations, by_force = both[:, : 2 * n + 3], both[:, 2 * n + 3 :]
-        forces: Any = np.zeros((0, 2 * n + 3))
+        d = len(given[0])
+        accelerations, by_force = both[:, :d], both[:, d:]
+        forces: Any = np.zeros((0, d))
         if mode.held:
             prescribed = np.array([self._place(k) for k in mode.held])
             prescribed[:, -3:-1] *= -w * w
             prescribed[:, -1] = 0.0
             forces = np.linalg.solve(rows @ by_force, prescribed - rows @ accelerations)
             accelerations = accelerations + by_force @ forces
-        out = np.zeros((2 * n + 3, 2 * n + 3), dtype=accelerations.dtype)
+        out = np.zeros((d, d), dtype=accelerations.dtype)
         out[:n, n : 2 * n] = np.eye(n)
         out[n : 2 * n] = accelerations
-        out[2 * n, 2 * n + 1], out[2 * n + 1, 2 * n] = w, -w
+        for k, place in self.sliders.items():
+            # it stays on its surface, or moves as what it follows
+            out[n + place, n : 2 * n] = self.elements[k].row(n)
+            if self.elements[k].regimes[mode.numbers[k]].anchored:
+                out[n + place] -= self.elements[k].sign * self.rate(k)
+        out[-3, -2], out[-2, -3] = w, -w
         return out, forces
 
-    def _regime(self, mode: Regimes, element: int) -> Any:
-        """Numbers of what an element does and watches there."""
-        own = self.elements[element].regimes[: mode.numbers[element]]
-        begin = 5 + sum(3 + 4 * len(regime.guards) for regime in own)
+    def _regime(self, number: int, element: int) -> Any:
+        """Numbers of what an element does and watches in a regime."""
+        own = self.elements[element].regimes[:number]
+        begin = 5 + sum(3 + _OF_GUARD * len(regime.guards) for regime in own)
         return self._own[element][begin:]
 
     def _rows(self, held: tuple[int, ...]) -> Array:

@@ -12,7 +12,7 @@ from dynkit.core.validation import Array
 from dynkit.orbits.equations import Problem
 from dynkit.orbits.kinds import BifurcationKind
 from dynkit.orbits.newton import NoSolution
-from dynkit.systems.impact.elements.element import HALT, IMPACT
+from dynkit.systems.impact.elements.element import HALT, IMPACT, Element
 from dynkit.systems.impact.elements.laws import ImpactLaw
 from dynkit.systems.impact.elements.stops import HardStop
 from dynkit.systems.impact.orbits.borders import (
@@ -245,6 +245,10 @@ class VanishingInterval(Border):
             return "at once"
         if isinstance(elements[first.element], HardStop):
             return "contact"
+        element = elements[first.element]
+        if element.slider:
+            slides = _slides(element, second.mode, first.element)
+            return "grazing-sliding" if slides else "adding-sliding"
         if first.element in second.mode.held:
             after = solution.following[(self.part + 1) % solution.events].mode
             same = after.numbers[first.element] == first.mode.numbers[first.element]
@@ -320,10 +324,10 @@ class TouchingGuard(Touching):
     def name(self, solution: ItinerarySolution) -> str:
         """What happens, in the field's words."""
         element = solution.oscillator._elements[self.side]
-        if not any(regime.sticks for regime in element.regimes):
+        if not (element.slider or any(regime.sticks for regime in element.regimes)):
             return "grazing"
-        held = self.side in solution.following[self.part].mode.held
-        return "adding-sliding" if held else "grazing-sliding"
+        slides = _slides(element, solution.following[self.part].mode, self.side)
+        return "adding-sliding" if slides else "grazing-sliding"
 
     def neighbour(self, x: Array, p: Array) -> tuple[Problem, Array] | None:
         s, system = self.problem.at(x, p), self.problem.oscillator
@@ -348,6 +352,14 @@ class TouchingGuard(Touching):
         phase = float(self.begin(self.problem.at(x, p))[0])
         found: tuple[Problem, Array] = self.problem.with_events(x, p, self.part, phase, more)
         return found
+
+
+def _slides(element: Element, mode: Regimes, number: int) -> bool:
+    """Whether the motion stays on a surface of discontinuity, in Filippov's sense.
+
+    Of friction where it sticks; of a slider where it slips, on the surface at which it does.
+    """
+    return bool(mode.numbers[number]) if element.slider else number in mode.held
 
 
 def named(border: Border, solution: ItinerarySolution) -> str:

@@ -16,7 +16,7 @@ from dynkit.systems.impact.elements.element import EventKind
 from dynkit.systems.impact.orbits.itineraries.flying import Flights
 from dynkit.systems.impact.orbits.itineraries.itinerary import Happening
 from dynkit.systems.impact.orbits.machine import STEP, Machine, Regimes
-from dynkit.systems.impact.simulation.state import Motion, state_at
+from dynkit.systems.impact.simulation.state import Motion, beside, state_at
 from dynkit.systems.impact.simulation.trajectory import Trajectory, grouped
 
 CHUNK, MOST = 128, 8192
@@ -85,7 +85,7 @@ class Chatter:
         if not (speed >= 0.0 and np.isfinite(state).all()):
             raise NoSolution("the chatter must begin with an impact that pushes")
         turn, closed = state[-3:-1], self.flying.held
-        x, v = state[:n], state[n : 2 * n]
+        x, v = np.append(state[:n], state[2 * n : -3]), beside(oscillator, state[n : 2 * n])
         try:
             start = state_at(oscillator, x, v, turn, speed, self.element, Motion.TABLE, closed)
             self.run = self._to_contact(oscillator, start, fastest)
@@ -206,11 +206,11 @@ def _states(run: Trajectory, count: int) -> Array:
     """States (count, D) just after the first impacts of a run."""
     log, system = run.log, run.start._system
     n = system.degrees_of_freedom
-    out = np.empty((count, 2 * n + 3))
+    out = np.empty((count, n + system._size + 3))
     for number, where in grouped(log.guard[:count]):
         mode = system._automaton.mode(run.regimes[int(run.guards[number, 0])])
         states = log.states[:count][where][..., : mode.layout.slots]
-        out[where, :n], out[where, n : 2 * n] = mode.motion(states)
+        out[where, :-3] = np.concatenate([*mode.motion(states), mode.sliders(states)], axis=1)
     phases = run.start.phase + system.frequency * log.time[:count]
     out[:, -3:] = np.stack([np.sin(phases), np.cos(phases), np.ones(count)], axis=1)
     return out

@@ -1,9 +1,10 @@
 """Divided differences of guards that are zero by nature at an earlier event.
 
 A soft stop is left where the gap is zero that was zero where it was touched; what begins to slip is
-halted where the rate of slip is zero that was zero before. With the second event at the time of the
-first one the guard is zero whatever the motion: a trivial solution, which the equation divided by
-the time between the two, or by its square, has not. So it is regular where the two events merge,
+halted where the rate of slip is zero that was zero before; a slider that was halted yields again in
+the same direction where its spring bears what it bore before. With the second event at the time of
+the first one the guard is zero whatever the motion: a trivial solution, which the equation divided
+by the time between the two, or by its square, has not. So it is regular where the two events merge,
 and the branch ends. Motions are those of a `ShootingSolution`.
 """
 
@@ -43,6 +44,8 @@ def _pair(oscillator: ImpactMap, itinerary: Itinerary, i: int) -> Pair | None:
         return None
     number = event.mode.numbers[event.element]
     own = _watch(oscillator, event)
+    if own.stretch:
+        return _slipped(oscillator, itinerary, i, own.to)
     for back in range(1, n):
         first = (i - back) % n
         other = itinerary[first]
@@ -55,6 +58,17 @@ def _pair(oscillator: ImpactMap, itinerary: Itinerary, i: int) -> Pair | None:
         gaps = own.gap and before.gap and not (own.rate or own.force or before.rate or before.force)
         if gaps and number and not other.mode.numbers[other.element]:
             return Pair(first, 1)
+    return None
+
+
+def _slipped(oscillator: ImpactMap, itinerary: Itinerary, i: int, to: int) -> Pair | None:
+    """The halt of a slider that then yields again in the same direction, where nothing is hit."""
+    n, k = len(itinerary), itinerary[i].element
+    for back in range(1, n):
+        halt = itinerary[(i - back) % n]
+        if number := halt.mode.numbers[k]:
+            slid = number == to and not halt.kicked and _watch(oscillator, halt).rate
+            return Pair((i - back) % n, 2 if back == 1 else 1) if slid else None
     return None
 
 

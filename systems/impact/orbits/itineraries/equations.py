@@ -94,7 +94,8 @@ class ItineraryEquations(ImpactProblem):
     """Periodic orbits of an impact oscillator, by the modes that they pass and their events.
 
     The unknowns are the phases (n,) of the events, not wrapped, the impulses (k,) of the impacts
-    among them, changes of the relative velocity, and the states (2N,) just before the events that
+    among them, changes of the relative velocity, and the states (2N + J,), with the places of J
+    sliders, just before the events that
     are nodes, the first one at least. The equations: the guards are zero, (n,); gaps open after
     impacts at the rate of their law, (k,); each state is what becomes of the one before. Where all
     events are impacts of one mode, whose motions all have a restoring force, states follow from the
@@ -141,8 +142,8 @@ class ItineraryEquations(ImpactProblem):
 
     @property
     def dimension(self) -> int:
-        """Number 2N of positions and velocities."""
-        return 2 * self.oscillator.degrees_of_freedom
+        """Number 2N + J of positions, velocities, and places of sliders."""
+        return self.oscillator.degrees_of_freedom + self.oscillator._size
 
     @cached_property
     def responds(self) -> bool:
@@ -171,9 +172,8 @@ class ItineraryEquations(ImpactProblem):
 
     @cached_property
     def _measures(self) -> Array:
-        n = self.oscillator.degrees_of_freedom
-        length, speed = self.sizes
-        return np.concatenate([np.full(n, length), np.full(n, speed), np.ones(3)])
+        n, (length, speed) = self.oscillator.degrees_of_freedom, self.sizes
+        return np.repeat([length, speed, length, 1.0], [n, n, self.dimension - 2 * n, 3])
 
     def _scene(self, p: Array) -> responses.Scene | shooting.Scene:
         if self.responds and self._plain:
@@ -448,9 +448,11 @@ class ItineraryEquations(ImpactProblem):
     def canonical(self, x: Array) -> Array:
         phases, pushed = self._marked(x)
         if self.sticks:  # means over the releases, which do not depend on which is the first
-            states = self.layout.split(x)[2].reshape(self.parts, 2, -1)
-            sizes = abs(states).max(axis=(0, 2)) + (self.dimension == 2)
-            scaled = (states / sizes[:, None]).reshape(self.parts, -1)
+            states = self.layout.split(x)[2].reshape(self.parts, -1)
+            n = self.oscillator.degrees_of_freedom
+            sizes = np.array([abs(states[:, :n]).max(), abs(states[:, n : 2 * n]).max()])
+            sizes += self.dimension == 2
+            scaled = states / sizes[np.repeat([0, 1, 0], [n, n, self.dimension - 2 * n])]
             turn = np.exp(1j * phases)[:, None]
             marks = [scaled, scaled**2, scaled * turn.real, turn.real, turn.imag]
             mean = np.concatenate(marks, axis=1).mean(axis=0)

@@ -36,6 +36,10 @@ _FAMILY = (
     "no isolated periodic orbit found from the guess: it is one of a family, as where friction "
     "never slips, or nothing damps the motion"
 )
+_STUCK = (
+    "no isolated periodic orbit found from the guess: it is one of a family, as a slider that "
+    "never slips may be anywhere; got {!r}"
+)
 _HELD = "the motion is not released by a stop at the same phase again"
 _SINGULAR = 1e-13
 """Ratio of singular values of the equations' derivative: where it is less, it is rounding."""
@@ -80,6 +84,9 @@ def orbit_near(system: ImpactMap, state: ImpactState, periods: int) -> ImpactOrb
         periods = 1
     if not len(seen.events):
         seen = _quiet(system, state)
+    for k in system._automaton.sliders:
+        if not any(event.mode.numbers[k] for event in seen.events):
+            raise NoConvergence(_STUCK.format(system._elements[k]))
     begin = state.phase if seen.times.any() else 0.0
     sizes = _sizes(system, state, seen, length)
     problem, guess = guess_of(system, begin, seen, periods, length, sizes)
@@ -103,7 +110,7 @@ def _quiet(system: ImpactMap, state: ImpactState) -> Seen:
     numbers = run.regimes[run.segments.mode[-1]]
     final = run.final
     marked = Happening(regimes_of(system, numbers), -1, 0)
-    states = np.concatenate([final.position, final.velocity])[None]
+    states = np.concatenate([final.position, final.velocity, final.sliders])[None]
     return Seen(np.zeros(1), (marked,), states)
 
 
@@ -140,7 +147,7 @@ def sizes_of(
     """Largest position and velocity of a motion from a time on, and at events that were seen."""
     times, n = np.linspace(begin, begin + length, _SAMPLES), system.degrees_of_freedom
     parts = zip(
-        (seen.states[:, :n], seen.states[:, n:]), sample_run(system, run, times), strict=True
+        (seen.states[:, :n], seen.states[:, n : 2 * n]), sample_run(system, run, times), strict=True
     )
     return [float(abs(np.concatenate(part)).max()) or 1.0 for part in parts]
 

@@ -205,5 +205,5 @@ def number_of(guards: Sequence[Any], watch: Any) -> int:
 def flights_of(oscillator: Any, machine: Machine, mode: Regimes) -> Flights:
     """The flights of an oscillator in one mode."""
     linear = oscillator._motion is None
-    measures = np.ones(2 * machine.size + 3)
+    measures = np.ones(len(machine.flow(mode)))
     return LinearFlights(machine, mode, measures) if linear else TaylorFlights(oscillator, mode)

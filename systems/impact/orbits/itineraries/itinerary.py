@@ -113,7 +113,7 @@ def _kind(event: Happening) -> float:
 
 
 class Seen(NamedTuple):
-    """Events of a motion: their times (k,), what they are, states (k, 2N) just before them."""
+    """Events of a motion: times (k,), what they are, states (k, 2N + J) just before them."""
 
     times: Array
     events: Itinerary
@@ -130,12 +130,9 @@ class Seen(NamedTuple):
 
 
 def unknown_element(oscillator: ImpactMap) -> Element | None:
-    """The first element that these equations do not describe.
-
-    That is one with a slider, a normal, or along a function.
-    """
+    """The first element with a normal, or along a function, which these equations do not know."""
     for element in oscillator._elements:
-        if element.slider or element.leans_on or element.curved:
+        if element.leans_on or element.curved:
             return element
     return None
 
@@ -150,8 +147,7 @@ def check_elements(oscillator: ImpactMap) -> None:
     element = unknown_element(oscillator)
     if element is not None:
         raise NotImplementedError(
-            "orbits by itinerary know no sliders and no friction with a coefficient; "
-            f"got {element!r}: "
+            f"orbits by itinerary know no friction with a coefficient; got {element!r}: "
             "dynkit.periodic_orbit finds orbits of the map"
         )
 
@@ -258,7 +254,7 @@ def events_seen(oscillator: ImpactMap, run: Trajectory, named: bool = True) -> S
             piece = law.piece(-float(machine.rate(guard.element) @ z))
         events.append(Happening(mode, guard.element, number, kicked, piece=piece))
         states.append(z[:-3])
-    shape = len(times), 2 * machine.size
+    shape = len(times), machine.size + oscillator._size
     return Seen(np.array(times), tuple(events), np.array(states).reshape(shape))
 
 
@@ -300,14 +296,14 @@ def _reached(run: Trajectory, part: float = 1.0) -> Array:
     parts, lasts = run.segments, part * np.diff(run.segments.begin)
     times = parts.begin[1:] - (np.diff(parts.begin) - lasts)
     phases = run.start.phase + run.start._system.frequency * times
-    x, v = np.empty((2, len(lasts), run.start._system.degrees_of_freedom))
+    system = run.start._system
+    out = np.empty((len(lasts), system.degrees_of_freedom + system._size + 3))
     for mode, here in run.modes(parts.mode[:-1]):
         some = np.flatnonzero(here)
-        x[here], v[here] = mode.motion(
-            mode.after(parts.of(mode, some), np.arange(len(some)), lasts[here])
-        )
-    turning = [np.sin(phases), np.cos(phases), np.ones_like(phases)]
-    return np.concatenate([x, v, np.stack(turning, axis=1)], axis=1)
+        states = mode.after(parts.of(mode, some), np.arange(len(some)), lasts[here])
+        out[here, :-3] = np.concatenate([*mode.motion(states), mode.sliders(states)], axis=1)
+    out[:, -3:] = np.stack([np.sin(phases), np.cos(phases), np.ones_like(phases)], axis=1)
+    return out
 
 
 def of_period(seen: Seen, end: float, length: float) -> Seen:

@@ -27,7 +27,7 @@ from dynkit.systems.impact.orbits.machine import (
     moved,
     run_through,
 )
-from dynkit.systems.impact.simulation.sampling import sample_run
+from dynkit.systems.impact.simulation.sampling import sample_run, sample_sliders
 from dynkit.systems.impact.simulation.state import TWO_PI
 
 _ROUNDING = 2.0**-52
@@ -214,7 +214,7 @@ class ShootingSolution(ItinerarySolution):
 
     @property
     def before(self) -> Any:
-        """Positions and velocities (n, 2N), or more, just before the events."""
+        """Whole states (n, D) just before the events."""
         return self._way[0]
 
     @property
@@ -463,8 +463,8 @@ class ShootingSolution(ItinerarySolution):
             out[which == i] = self._passed(i, after[which == i])
         for i, chatter in self.chatters.items():
             here = np.flatnonzero((which == i) & (after < chatter.lasts))
-            bouncing = sample_run(self.oscillator, chatter.run, after[here])
-            out[here] = np.concatenate(bouncing, axis=1)
+            own = self.oscillator, chatter.run, after[here]
+            out[here] = np.concatenate([*sample_run(*own), sample_sliders(*own)], axis=1)
         return out
 
     def _passed(self, i: int, durations: Array) -> Array:
@@ -477,7 +477,7 @@ class ShootingSolution(ItinerarySolution):
         return np.asarray((z @ start)[:, : self.dimension])
 
     def flown(self, i: int, phase: float) -> Array:
-        """The state (2N,) at a phase after event `i`."""
+        """The state (2N + J,) at a phase after event `i`."""
         late = np.array([(phase - self.event_phases[i]) / self.clock])
         z = moved(self.flows[i : i + 1], late, self.measures)[0] @ self.after[i]
         return np.asarray(z[:-3])
@@ -531,7 +531,7 @@ class ShootingSolution(ItinerarySolution):
 
     @property
     def multipliers(self) -> Any:
-        """Floquet multipliers (2N,), the largest modulus first; some of what sticks are zero."""
+        """Floquet multipliers (2N + J,), the largest first; some of what sticks are zero."""
         factors, _ = self.factors
         found = np.zeros(self.dimension - (not self.driven), dtype=complex)
         if self.course.sticks and not self.impulses.all():

@@ -9,7 +9,7 @@ import numpy as np
 from dynkit.core.no_motion import NoMotion
 from dynkit.systems.impact.orbits.itineraries.itinerary import Happening, Seen, events_seen
 from dynkit.systems.impact.orbits.solution import SAME
-from dynkit.systems.impact.simulation.state import TWO_PI, Motion, state_at
+from dynkit.systems.impact.simulation.state import TWO_PI, Motion, beside, state_at
 
 _MOST = 4096
 """Impacts within which a time passes."""
@@ -41,12 +41,12 @@ def is_motion(s: Any) -> bool:
 
 def _comes_again(s: Any) -> bool:
     """Whether simulation from amid its longest mode finds the events of a period."""
-    i, n, clock = int(np.argmax(s.durations)), s.dimension // 2, s.clock
+    i, n, clock = int(np.argmax(s.durations)), s.machine.size, s.clock
     times = np.asarray((s.event_phases - s.event_phases[0]) / clock)
     since = float(times[i] + 0.5 * s.durations[i])
     (z,) = s.passed(np.array([since]))
     phase = float(s.event_phases[0]) + clock * since if s.driven else 0.0
-    start = s.oscillator.state(z[:n], z[n:], phase % TWO_PI)
+    start = s.oscillator.state(z[:n], z[n : 2 * n], phase % TWO_PI, z[2 * n :])
     seen = simulated(s.oscillator, start, s.period)
     due = (times - since) % s.period
     order = [k for k in np.argsort(due).tolist() if s.itinerary[k].element >= 0]
@@ -65,9 +65,10 @@ def _is_released(s: Any, node: int) -> bool:
     begin = s.course.nodes[node]
     end = (*s.course.nodes, s.events)[node + 1]
     due, within = np.cumsum(s.durations[begin:end]), SAME * s.period
-    z, n, held = s.after[begin], s.dimension // 2, s.following[begin].mode.held
+    z, n, held = s.after[begin], s.machine.size, s.following[begin].mode.held
     own = 0.0, s.itinerary[begin].element, Motion.RELEASE, held
-    start = state_at(s.oscillator, z[:n], z[n : 2 * n], z[-3:-1], *own)
+    x, v = np.append(z[:n], z[2 * n : -3]), beside(s.oscillator, z[n : 2 * n])
+    start = state_at(s.oscillator, x, v, z[-3:-1], *own)
     count = 4 + len(due) + sum(chatter.run.impacts for chatter in s.chatters.values())
     seen = simulated(s.oscillator, start, float(due[-1]) + within, False, count)
     found = iter(zip(seen.times, seen.events, strict=True))
@@ -84,6 +85,11 @@ def _is_released(s: Any, node: int) -> bool:
 
 
 def _same(a: Happening, b: Happening) -> bool:
-    """Whether the same happens in the same mode."""
-    one, other = ((e.element, e.guard, e.piece, e.mode.numbers) for e in (a, b))
-    return one == other
+    """Whether the same happens in the same mode.
+
+    Sliders of one row halt at once, and any of them may be the one that is seen. What follows, the
+    next mode, tells.
+    """
+    if a.mode.numbers != b.mode.numbers or bool(a.kicked) != bool(b.kicked):
+        return False
+    return not a.kicked or (a.element, a.guard, a.piece) == (b.element, b.guard, b.piece)
