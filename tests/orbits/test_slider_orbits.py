@@ -1,4 +1,4 @@
-"""Orbits by itinerary of machines with sliders: as simulation, and through where a slider yields."""
+"""Orbits by itinerary of machines with sliders: as simulation, and to where a slider yields."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ def test_orbits_are_those_of_simulation(name: str) -> None:
     orbit: Any = attractor.periodic_orbit()
     assert orbit.label == str(attractor.label)
     assert orbit.admissible
-    assert dict(orbit.counts) == dict(attractor.label.counts)
+    assert orbit.counts == attractor.label.counts
     count = len(orbit.states)
     away = abs(machine.difference(orbit.states, attractor.states[-count:])).max()
     assert away <= orbit.error + float(attractor.record.error.max())
