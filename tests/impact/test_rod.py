@@ -86,7 +86,7 @@ def test_all_modes_are_the_chain_of_masses(rod: Any) -> None:
     tips = abs(rod.modes.matrix[-1]), abs(chain.modes.matrix[-1])
     assert tips[0] == pytest.approx(tips[1], rel=1e-8)
     u = np.random.default_rng(1).normal(size=n)
-    q = rod.coordinates(u)
+    q = rod.reduced(u)
     assert rod.displacements(q) == pytest.approx(u, abs=1e-12)
     assert q @ rod.mass @ q == pytest.approx(u @ (masses * u))
     assert q @ rod.stiffness @ q == pytest.approx(u @ chain.stiffness @ u)
@@ -109,7 +109,8 @@ def test_left_out_modes_change_flights_by_less_than_the_bound(
     time = record.time[0]
     free = whole.replace(offset=-1e3)
     left = np.zeros(59 - kept)
-    start = free.state(*(np.concatenate([y[:-1], left, y[-1:]]) for y in (x, v)))
+    padded = [np.concatenate([y[:-1], left, y[-1:]]) for y in (x, v)]
+    start = free.state(padded[0], padded[1])
     bound = part.truncation_errors(record)[0]
     before = part.replace(offset=-1e3)
     for t in np.linspace(0.1, 1.0, 7) * time:
@@ -162,6 +163,6 @@ def test_arrays_of_another_rod_are_refused() -> None:
     with pytest.raises(ValueError, match=r"coordinates must have shape \(..., 50\)"):
         FREE.displacements([1.0])
     with pytest.raises(ValueError, match="displacements"):
-        FREE.coordinates([1.0])
+        FREE.reduced([1.0])
     with pytest.raises(ValueError, match="record must be one of this rod"):
         FREE.truncation_errors(FREE.replace(masses=51).simulate(impacts=1, start=None))

@@ -133,7 +133,8 @@ class ImpactRod(ImpactOscillator):
         angles = (k - (0.5 if self.far_end == "free" else 0.0)) * (math.pi * h / self.length)
         couplings = math.sqrt(self.density / (2.0 * self.length)) * h / np.tan(0.5 * angles)
         couplings[1::2] *= -1.0
-        return angles, 2.0 * self.wave_speed / h * np.sin(0.5 * angles), couplings
+        frequencies = 2.0 * self.wave_speed / h * np.sin(0.5 * angles)
+        return angles, np.asarray(frequencies), np.asarray(couplings)
 
     @property
     def _left_out(self) -> slice:
@@ -183,7 +184,7 @@ class ImpactRod(ImpactOscillator):
     def nodes(self) -> Array:
         """Places (N,) of the masses along the rod, from the far end; the near end is the last."""
         first = int(self.far_end == "fixed")
-        return self._spacing * np.arange(first, self.masses + first)
+        return np.asarray(self._spacing * np.arange(first, self.masses + first), dtype=np.float64)
 
     def moving(self, displacement: float, velocity: float, phase: float = 0.0) -> ImpactState:
         """A state in the shape of rest under a displacement of the near end.
@@ -214,7 +215,7 @@ class ImpactRod(ImpactOscillator):
         shapes, ramp = self._shapes
         return np.asarray(given[..., :-1] @ shapes + given[..., -1:] * ramp)
 
-    def coordinates(self, displacements: object) -> Array:
+    def reduced(self, displacements: object) -> Array:
         """Coordinates (n + 1,) of displacements (N,) of the masses, or of their velocities.
 
         Where modes are left out it is the nearest state in kinetic energy with the same end.
