@@ -31,6 +31,7 @@ from .impact.oscillators.nonlinear_single import (
 )
 from .impact.oscillators.oscillator import ImpactOscillator as ImpactOscillator
 from .impact.oscillators.play import PlayOscillator as PlayOscillator
+from .impact.oscillators.rod import ImpactRod as ImpactRod
 from .impact.oscillators.single import SingleImpactOscillator as SingleImpactOscillator
 from .impact.records.record import ImpactRecord as ImpactRecord
 from .impact.simulation.state import ImpactState as ImpactState

@@ -96,6 +96,7 @@ NO_RESULTS = {
     "PlayOscillator": SYSTEM,
     "PoincareMap": SYSTEM,
     "Rossler": SYSTEM,
+    "ImpactRod": SYSTEM,
     "SingleImpactOscillator": SYSTEM,
     "StandardMap": SYSTEM,
     "SymbolicFlow": SYSTEM,
