@@ -134,7 +134,8 @@ class ImpactRod(ImpactOscillator):
         couplings = math.sqrt(self.density / (2.0 * self.length)) * h / np.tan(0.5 * angles)
         couplings[1::2] *= -1.0
         frequencies = 2.0 * self.wave_speed / h * np.sin(0.5 * angles)
-        return angles, np.asarray(frequencies), np.asarray(couplings)
+        found = np.asarray([angles, frequencies, couplings], dtype=np.float64)
+        return found[0], found[1], found[2]
 
     @property
     def _left_out(self) -> slice:
