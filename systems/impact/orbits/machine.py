@@ -317,7 +317,7 @@ class Machine:
         return self.elements[element].sign * own
 
     def kick(self, mode: Regimes, element: int) -> Any:
-        """(2N + 3,) change by an impulse that changes the rate of the gap by one."""
+        """(D,) change by an impulse that changes the rate of the gap by one."""
         n, rows, own = self.size, self._rows(mode.held), self.elements[element].row(self.size)
         response = np.linalg.solve(self.mass, np.vstack([own, rows]).T)
         out = response[:, 0]
@@ -329,17 +329,17 @@ class Machine:
         return whole
 
     def shift(self, element: int) -> Any:
-        """(2N + 3,) change of positions that opens the gap by one."""
+        """(D,) change of positions that opens the gap by one."""
         row, out = self.elements[element].row(self.size), np.zeros_like(self._given[0].real)
         out[: self.size] = self.elements[element].sign * row / (row @ row)
         return out
 
     def put_on(self, element: int) -> Any:
-        """(2N + 3, 2N + 3): positions are moved so that the gap is zero."""
+        """(D, D): positions are moved so that the gap is zero."""
         return np.eye(len(self._given[0])) - np.outer(self.shift(element), self.gap(element))
 
     def caught(self, mode: Regimes, after: Regimes) -> Any:
-        """(2N + 3, 2N + 3): of what holds or sticks after an event, and not before, rates are lost.
+        """(D, D): of what holds or sticks after an event, and not before, rates are lost.
 
         By impulses along all that then holds. What then slides is where its spring bears it.
         """

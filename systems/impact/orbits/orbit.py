@@ -41,7 +41,7 @@ class OrbitEquations(Protocol):
         """The same equations with the named parameters free."""
 
     def multipliers(self, x: Array, p: Array) -> Any:
-        """Floquet multipliers (2N,)."""
+        """Floquet multipliers (2N + J,) with J sliders."""
 
     def admissible(self, x: Array, p: Array) -> bool:
         """Whether the solution is a motion of the oscillator."""
@@ -73,7 +73,8 @@ class ImpactOrbit(KeptSolution, PeriodicOrbit):
 
     The unknowns of P(n,m) are phases and impulses, (2n,). Where some motion has no restoring force,
     and for a machine with other elements than hard stops, they are the phases of the events, the
-    impulses of the impacts among them, and positions and velocities just before the first event.
+    impulses of the impacts among them, and positions, velocities and places of sliders just before
+    the first event.
     Those of P(inf,m) are the phases of releases and of the impacts before the chatters, the
     impulses of these, and positions and velocities just before each release. An orbit is admissible
     when simulation from each of its states finds the next one.
@@ -147,7 +148,7 @@ class ImpactOrbit(KeptSolution, PeriodicOrbit):
 
     @cached_property
     def states(self) -> Array:
-        """Section coordinates (k, 2N): see `ImpactOscillator`."""
+        """Section coordinates (k, 2N + J) with J sliders: see `ImpactOscillator`."""
         states = self._solution.section_states
         states.setflags(write=False)
         return states
@@ -166,11 +167,12 @@ class ImpactOrbit(KeptSolution, PeriodicOrbit):
 
     @cached_property
     def multipliers(self) -> Any:
-        """Floquet multipliers, (2N,) complex, the largest modulus first.
+        """Floquet multipliers, (2N + J,) complex with J sliders, the largest modulus first.
 
         They are those of the impact map, which equal those of the flow over the whole period. For
         P(inf,m) two are zero, since contact forgets the gap and its rate; the others are those of
         the map from a release to the same one a period later, with errors relative to the largest.
+        Each slider that slips forgets where it was: one more is zero.
         """
         found = self._problem.multipliers(self._x, NONE)
         found.setflags(write=False)

@@ -183,7 +183,8 @@ class ImpactAttractor(Attractor):
         ValueError
             When the attractor is neither P(n,m) nor P(inf,m), nor a cycle that nothing drives.
         NoConvergence
-            When the motion is still too far from the orbit.
+            When the motion is still too far from the orbit, or that is one of a family, as where a
+            slider of a `Jenkins` element never slips.
         NotImplementedError
             When a mass of it rests on a preloaded stop; `dynkit.periodic_orbit` finds orbits of
             the map.

@@ -348,8 +348,10 @@ class TouchingGuard(Touching):
         both = [Happening(mode, k, self.number), Happening(there, k, back[0])]
         return self._with(x, p, both)
 
-    def _with(self, x: Array, p: Array, more: list[Happening]) -> tuple[Problem, Array]:
+    def _with(self, x: Array, p: Array, more: list[Happening]) -> tuple[Problem, Array] | None:
         phase = float(self.begin(self.problem.at(x, p))[0])
+        if not math.isfinite(phase):  # of events in another order there is no such motion
+            return None
         found: tuple[Problem, Array] = self.problem.with_events(x, p, self.part, phase, more)
         return found
 

@@ -84,9 +84,6 @@ def orbit_near(system: ImpactMap, state: ImpactState, periods: int) -> ImpactOrb
         periods = 1
     if not len(seen.events):
         seen = _quiet(system, state)
-    for k in system._automaton.sliders:
-        if not any(event.mode.numbers[k] for event in seen.events):
-            raise NoConvergence(_STUCK.format(system._elements[k]))
     begin = state.phase if seen.times.any() else 0.0
     sizes = _sizes(system, state, seen, length)
     problem, guess = guess_of(system, begin, seen, periods, length, sizes)
@@ -117,7 +114,16 @@ def _quiet(system: ImpactMap, state: ImpactState) -> Seen:
 def guess_of(
     system: ImpactMap, begin: float, seen: Seen, periods: int, length: float, sizes: list[float]
 ) -> tuple[ItineraryEquations, Array]:
-    """Equations with the itinerary of a motion, from a phase on, and its unknowns."""
+    """Equations with the itinerary of a motion, from a phase on, and its unknowns.
+
+    Raises
+    ------
+    NoConvergence
+        When a slider never slips, or no stop releases the motion where it begins.
+    """
+    for k in system._automaton.sliders:
+        if not any(event.mode.numbers[k] for event in seen.events):
+            raise NoConvergence(_STUCK.format(system._elements[k]))
     driven = system._excitation.turns
     clock = system.frequency if driven else TWO_PI / length
     phases = begin + clock * seen.times

@@ -30,7 +30,7 @@ class Lap(NamedTuple):
     turn : Any
         Time of a turn of the phase, where nothing drives the machine.
     impulses : (k,)
-    states : (j, 2N)
+    states : (j, 2N + J)
         Just before the events that are nodes; none where they follow from the impulses.
     """
 
@@ -55,7 +55,7 @@ class ItinerarySolution(Solution):
     Parameters
     ----------
     oscillator : ImpactMap
-    measures : (2N + 3,)
+    measures : (D,)
         What states are measured in.
     course : Course
     lap : Lap
@@ -98,7 +98,7 @@ class ItinerarySolution(Solution):
 
     @abstractmethod
     def passed(self, since: Array) -> Array:
-        """Positions and velocities (j, 2N) at times (j,) from the first event on, in one period."""
+        """States (j, 2N + J) at times (j,) from the first event on, in one period."""
 
     # --- what is watched --------------------------------------------------------------------------
 

@@ -1,0 +1,198 @@
+"""Orbits of machines with sliders: loops in many digits, halts amid slip, random machines."""
+
+import math
+from typing import Any
+
+import numpy as np
+import pytest
+from mpmath import mp
+
+from dynkit import NoConvergence, continue_orbit
+from dynkit.systems import DryFriction, HardStop, ImpactChain, Jenkins, SoftStop
+from dynkit.systems.impact.orbits.orbit import ImpactOrbit
+from dynkit.testing import check_problem
+from tests.impact.test_jenkins import random_machine
+
+FORCED: Any = {"masses": 1, "damping": 0.05, "frequency": 0.8, "harmonic_forces": [0.8]}
+JOINT = Jenkins(0, stiffness=2.0, force=0.3, name="joint")
+ONE = ImpactChain(elements=[JOINT], **FORCED)
+SHAKEN: Any = {"masses": 2, "damping": 0.05, "harmonic_forces": [0.4, 0.8]}
+BETWEEN = Jenkins((0, 1), stiffness=1.0, force=0.15, name="joint", side="below")
+MACHINES = {
+    "one": ONE,
+    "belt": ONE.replace(elements=[Jenkins(0, stiffness=2.0, force=0.3, velocity=0.3, name="j")]),
+    "slips for ever": ONE.replace(elements=[Jenkins(0, stiffness=2.0, force=0.3, velocity=9.0)]),
+    "shaken surface": ImpactChain(
+        frequency=0.8,
+        elements=[Jenkins(0, stiffness=2.0, force=0.3, amplitude=0.05, phase=0.3), BETWEEN],
+        **SHAKEN,
+    ),
+    "stop": ImpactChain(
+        frequency=0.8,
+        elements=[HardStop(1, offset=-0.6, restitution=0.7, name="table"), BETWEEN],
+        **SHAKEN,
+    ),
+    "sticks": ImpactChain(
+        frequency=0.4,
+        elements=[HardStop(1, offset=0.2, restitution=0.5, name="table"), BETWEEN],
+        **SHAKEN,
+    ),
+    "all": ImpactChain(
+        frequency=0.8,
+        elements=[SoftStop(1, offset=-0.6, stiffness=2.0), DryFriction(0, force=0.1), BETWEEN],
+        **SHAKEN,
+    ),
+}
+
+
+def orbit_of(machine: ImpactChain) -> Any:
+    """The orbit of the attractor from the default start."""
+    return machine.attractor(transient=900, impacts=60).periodic_orbit()
+
+
+@pytest.fixture(scope="module")
+def orbits() -> dict[str, Any]:
+    return {name: orbit_of(machine) for name, machine in MACHINES.items()}
+
+
+# --- a loop in many digits ------------------------------------------------------------------------
+
+
+def half_loop(joints: list[Jenkins], guess: list[float]) -> list[float]:
+    """Swing, phase of the turn, and times of the yields after it, of a symmetric loop: 40 digits.
+
+    From the turn on all sliders stick, until each has been moved by twice its reach; half a period
+    later the mass turns at the opposite place.
+    """
+    with mp.workdps(40):
+        w, push, half = mp.mpf("0.8"), mp.mpf("0.8"), mp.pi / mp.mpf("0.8")
+        k, f = ([mp.mpf(repr(getattr(j, n))) for j in joints] for n in ("stiffness", "force"))
+
+        def left(swing: Any, phase: Any, *times: Any) -> list[Any]:
+            z = mp.matrix([swing, 0, mp.sin(phase), mp.cos(phase), 1])
+            out, stuck, begin = [], [True] * len(joints), mp.mpf(0)
+            for i, end in enumerate([*times, half]):
+                sticking = [j for j in range(len(joints)) if stuck[j]]
+                # force of a stuck slider: F + k (x - swing); of one that slips -F
+                spring = 1 + sum((k[j] for j in sticking), mp.mpf(0))
+                still = sum((k[j] * swing - f[j] for j in sticking), mp.mpf(0))
+                still += sum((f[j] for j in range(len(joints)) if not stuck[j]), mp.mpf(0))
+                flow = mp.matrix(5, 5)
+                flow[0, 1], flow[2, 3], flow[3, 2] = 1, w, -w
+                flow[1, 0], flow[1, 1], flow[1, 2], flow[1, 4] = -spring, -DAMPING, push, still
+                z = mp.expm(flow * (end - begin)) * z
+                begin = end
+                if i < len(joints):
+                    out.append(swing - z[0] - 2 * f[i] / k[i])
+                    stuck[i] = False
+            return [*out, z[0] + swing, z[1]]
+
+        found = mp.findroot(left, guess, tol=1e-60)
+        return [float(number) for number in found]
+
+
+DAMPING = mp.mpf(repr(0.05))
+
+
+@pytest.mark.parametrize(
+    "joints", [[JOINT], [JOINT, Jenkins(0, stiffness=1.0, force=0.35, name="other")]]
+)
+def test_a_steady_loop_is_that_of_many_digits(joints: list[Jenkins]) -> None:
+    orbit = orbit_of(ONE.replace(elements=joints))
+    assert isinstance(orbit, ImpactOrbit)
+    assert orbit.counts == {f"{joint.name}.sticks": 2 for joint in joints}
+    s = orbit._solution
+    turns = [not any(e.mode.numbers) for e in s.following]
+    (turn,) = (i for i, e in enumerate(s.itinerary) if turns[i] and e.mode.numbers[0] == 1)
+    swing, begin = s.before[turn, 0], s.event_phases[turn]
+    yields = [
+        i for i, e in enumerate(s.itinerary) if e.guard == 1 and not e.mode.numbers[e.element]
+    ]
+    times = sorted((s.event_phases[yields] - begin) % (2.0 * math.pi) / 0.8)
+    exact = half_loop(joints, [swing, begin, *times])
+    found = np.array([swing, begin, *times])
+    assert abs(found - exact).max() <= 2.0 * orbit.error < 1e-10
+
+
+# --- multipliers and derivatives ------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("name", MACHINES)
+def test_equations_keep_the_contracts(name: str, orbits: dict[str, Any]) -> None:
+    orbit = orbits[name]
+    assert orbit.admissible
+    for parameter, value in orbit.system.parameters.items():
+        if value and np.isfinite(value) and parameter != "chatter_tolerance":
+            problem = orbit.problem(parameter)
+            check_problem(problem, orbit.unknowns, problem.values)
+
+
+@pytest.mark.parametrize("name", ["one", "belt", "shaken surface", "all"])
+def test_multipliers_are_those_of_differences_of_the_simulated_map(
+    name: str, orbits: dict[str, Any]
+) -> None:
+    orbit, machine = orbits[name], MACHINES[name]
+    (state,), h = orbit.states, 1e-6
+    columns = [
+        (machine(state + e) - machine(state - e)) / (2.0 * h) for e in h * np.eye(len(state))
+    ]
+    found = np.linalg.eigvals(np.array(columns).T)
+    assert abs(found.sum() - orbit.multipliers.sum()) < 1e-6
+    assert abs((found**2).sum() - (orbit.multipliers**2).sum()) < 1e-6
+
+
+# --- borders --------------------------------------------------------------------------------------
+
+
+def test_a_slider_begins_to_halt_amid_its_slip() -> None:
+    machine = ONE.replace(
+        damping=0.0, elements=[Jenkins(0, stiffness=2.0, force=0.3, velocity=0.05, name="joint")]
+    )
+    branch = continue_orbit(orbit_of(machine), "joint.force", bounds=(0.3, 0.74))
+    found = next(b for b in branch.bifurcations if "adding-sliding" in b.touching)
+    (there,) = found.switch()
+    assert there.counts == {"joint.sticks": 3}
+    beyond = continue_orbit(there, "joint.force", bounds=(0.3, 0.74))
+    (known,) = (k for k in np.flatnonzero(beyond.admissible)[5:6])
+    orbit = beyond.orbit(int(known))
+    settled = orbit.system.attractor(transient=900, impacts=1)
+    apart = orbit.system.difference(settled.states[-1], orbit.states[0])
+    assert abs(apart).max() <= orbit.error + settled.error
+
+
+# --- random machines ------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("seed", "hit"), [*((s, False) for s in range(3, 9)), (14, True), (19, True)]
+)
+def test_orbits_of_random_machines_are_their_long_motions(seed: int, hit: bool) -> None:
+    machine, place, velocity = random_machine(seed, hit=hit)
+    settled = machine.attractor(transient=1500, impacts=20, start=machine.state(place, velocity))
+    orbit = settled.periodic_orbit()
+    assert isinstance(orbit, ImpactOrbit)
+    assert orbit.admissible
+    assert dict(orbit.counts) == dict(settled.label.counts)
+    for state in settled.states:
+        apart = [abs(machine.difference(state, own)).max() for own in orbit.states]
+        assert min(apart) <= orbit.error + settled.error
+
+
+# --- refusals -------------------------------------------------------------------------------------
+
+
+def test_a_slider_that_never_slips_makes_a_family_of_sticking_orbits() -> None:
+    machine = MACHINES["sticks"].replace(**{"joint.force": 9.0})
+    with pytest.raises(NoConvergence, match="slider that never slips may be anywhere; got Jenkins"):
+        orbit_of(machine)
+
+
+def test_borders_of_orbits_that_are_no_motions_lead_nowhere() -> None:
+    # events in another order: what touches there is at no time
+    machine = ONE.replace(
+        damping=0.0, elements=[Jenkins(0, stiffness=2.0, force=0.3, velocity=0.05, name="joint")]
+    )
+    branch = continue_orbit(orbit_of(machine), "frequency", bounds=(0.3, 0.8))
+    assert not branch.admissible.all()
+    for found in branch.bifurcations:
+        assert all(isinstance(orbit, ImpactOrbit) for orbit in found.switch())
