@@ -11,7 +11,7 @@ from dynkit import NoConvergence, continue_orbit
 from dynkit.systems import DryFriction, HardStop, ImpactChain, Jenkins, SoftStop
 from dynkit.systems.impact.orbits.orbit import ImpactOrbit
 from dynkit.testing import check_problem
-from tests.impact.test_jenkins import random_machine
+from tests.impact.test_jenkins import MACHINE, random_machine
 
 FORCED: Any = {"masses": 1, "damping": 0.05, "frequency": 0.8, "harmonic_forces": [0.8]}
 JOINT = Jenkins(0, stiffness=2.0, force=0.3, name="joint")
@@ -101,7 +101,7 @@ def test_a_steady_loop_is_that_of_many_digits(joints: list[Jenkins]) -> None:
     orbit = orbit_of(ONE.replace(elements=joints))
     assert isinstance(orbit, ImpactOrbit)
     assert orbit.counts == {f"{joint.name}.sticks": 2 for joint in joints}
-    s = orbit._solution
+    s: Any = orbit._solution
     turns = [not any(e.mode.numbers) for e in s.following]
     (turn,) = (i for i, e in enumerate(s.itinerary) if turns[i] and e.mode.numbers[0] == 1)
     swing, begin = s.before[turn, 0], s.event_phases[turn]
@@ -122,7 +122,8 @@ def test_equations_keep_the_contracts(name: str, orbits: dict[str, Any]) -> None
     orbit = orbits[name]
     assert orbit.admissible
     for parameter, value in orbit.system.parameters.items():
-        if value and np.isfinite(value) and parameter != "chatter_tolerance":
+        own = parameter == "frequency" or parameter.startswith(("joint.", "j.", "elements[0]."))
+        if own and value and np.isfinite(value):
             problem = orbit.problem(parameter)
             check_problem(problem, orbit.unknowns, problem.values)
 
@@ -142,6 +143,22 @@ def test_multipliers_are_those_of_differences_of_the_simulated_map(
 
 
 # --- borders --------------------------------------------------------------------------------------
+
+
+def test_a_branch_ends_where_the_slider_slips_no_more() -> None:
+    # of the stuck slider the response is linear: it slips where its spring may bear no more
+    branch = continue_orbit(orbit_of(ONE), "joint.force", bounds=(0.2, 1.0))
+    (last,) = branch.bifurcations
+    force = 2.0 * 0.8 / abs(1.0 + 2.0 - 0.8**2 + 1j * 0.05 * 0.8)
+    assert abs(last.value - force) <= last.error + 1e-12
+    assert "grazing-sliding" in last.touching
+    assert branch.endings[-1].message.startswith("beyond, there is no such orbit")
+
+
+def test_of_sliders_along_one_row_any_may_be_seen_to_halt_first() -> None:
+    orbit = MACHINE.attractor(transient=2000).periodic_orbit()
+    assert isinstance(orbit, ImpactOrbit)
+    assert orbit.admissible
 
 
 def test_a_slider_begins_to_halt_amid_its_slip() -> None:
@@ -172,7 +189,7 @@ def test_orbits_of_random_machines_are_their_long_motions(seed: int, hit: bool) 
     orbit = settled.periodic_orbit()
     assert isinstance(orbit, ImpactOrbit)
     assert orbit.admissible
-    assert dict(orbit.counts) == dict(settled.label.counts)
+    assert orbit.counts == settled.label.counts
     for state in settled.states:
         apart = [abs(machine.difference(state, own)).max() for own in orbit.states]
         assert min(apart) <= orbit.error + settled.error
