@@ -12,8 +12,8 @@ with print_style():
     left, right = figure.subplots(1, 2)
     for masses in sizes:
         rod = ImpactRod(masses=int(masses), far_end="free", amplitude=0.0, frequency=1.0)
-        record = rod.simulate(impacts=2, start=rod.moving(0.5, -1.0))
-        errors.append(record.sticking[0, 1] - record.time[0] - 2.0)
+        record = rod.simulate(impacts=20, start=rod.moving(0.5, -1.0))
+        errors.append(record.sticking[-1, 1] - record.time[0] - 2.0)
         if masses in (25, 400):
             _, velocity = record.sample([record.time[0] + 0.6])
             style = {"color": "0.6" if masses == 25 else "k", "lw": 0.8, "label": f"$N = {masses}$"}
@@ -24,4 +24,6 @@ with print_style():
     right.loglog(sizes, errors, "ko", ms=3, label="contact time $- 2$")
     right.loglog(sizes, errors[0] * (sizes / 25.0) ** (-2 / 3), "0.6", lw=0.7, label="$N^{-2/3}$")
     right.set(xlabel="masses $N$", ylabel="error")
+    right.set_xticks(sizes, sizes)
+    right.minorticks_off()
     right.legend()

@@ -14,7 +14,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from flint import arb, ctx
 
-from dynkit import NoConvergence
+from dynkit import NoConvergence, periodic_orbit
 from dynkit.core.no_motion import NoMotion
 from dynkit.core.validation import Array
 from dynkit.systems.impact.orbits.orbit import ImpactOrbit
@@ -58,7 +58,10 @@ def found(number: int) -> Found | None:
         label = attractor.label
         if label.kind.value != "periodic" or not label.periods or "inf" in str(label):
             return None
-        orbit = attractor.periodic_orbit()
+        orbit: Any = attractor.periodic_orbit()
+        if system._sliders:
+            count = attractor.label.iterates or 1
+            orbit = periodic_orbit(system, attractor.states[-count:])
         derivatives = [system.jacobian(state) for state in orbit.states]
     except (NotImplementedError, NoMotion, NoConvergence, ValueError):
         # friction that is refused, a motion that ends, an orbit that is not isolated or a chatter

@@ -72,7 +72,7 @@ class ImpactRod(ImpactOscillator):
     A free rod that falls on a stop leaves it after two travel times of a wave, 2 length / c:
 
     >>> rod = ImpactRod(masses=200, far_end="free", amplitude=0.0, frequency=1.0)
-    >>> record = rod.simulate(impacts=2, start=rod.moving(0.5, -1.0))
+    >>> record = rod.simulate(impacts=20, start=rod.moving(0.5, -1.0))
     >>> float((record.events.time[-1] - record.time[0]).round(1))
     2.0
     """
