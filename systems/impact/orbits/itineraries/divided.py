@@ -13,17 +13,12 @@ from __future__ import annotations
 from collections.abc import Iterator
 from typing import TYPE_CHECKING, Any, NamedTuple
 
-import numpy as np
-
 from dynkit.core.validation import Array
 from dynkit.orbits.newton import NoSolution
 from dynkit.systems.impact.orbits.itineraries.itinerary import Happening, Itinerary
-from dynkit.systems.impact.orbits.machine import exponentials
 
 if TYPE_CHECKING:
     from dynkit.systems.impact.impact_map import ImpactMap
-
-_ROUNDING = 2.0**-52
 
 
 class Pair(NamedTuple):
@@ -102,34 +97,10 @@ def derivatives(s: Any, i: int, pair: Pair) -> Iterator[tuple[int, Array, float]
         yield j, s.rise_change(j, row) / whole, float((row @ s.moving[j] - ratio) / whole)
 
 
-def quotient(s: Any, j: int, row: Any, q: int) -> Any:
-    """A row of the state at the end of linear flight `j`, over its duration to the power of q.
-
-    Without what its value and first derivatives at the begin make of it.
-    """
-    return rows_of(s, j, row, q)[q] @ (np.linalg.matrix_power(s.flows[j], q) @ s.after[j])
-
-
-def quotient_change(s: Any, j: int, row: Any, q: int) -> tuple[Any, float]:
-    """Derivatives of it by the state (D,) at the begin, and by the duration."""
-    rows, flow = rows_of(s, j, row, q + 1), s.flows[j]
-    power = np.linalg.matrix_power(flow, q)
-    return rows[q] @ power, float((rows[q] - q * rows[q + 1]) @ (flow @ (power @ s.after[j])))
-
-
 def rounding(s: Any, i: int, pair: Pair) -> float:
     """What rounding may make of the value, to first order."""
     found = max(s.quotient_rounding(j, s.guards[i], pair.order) for j in _between(s, i, pair))
     return float(found) * float(1.0 + abs(s.lap.phases).max())
-
-
-def quotient_rounding(s: Any, j: int, row: Any, q: int) -> float:
-    """What rounding may make of a `quotient`, in units of a turn."""
-    flow, lasts, measures = abs(s.flows[j]), abs(float(s.durations[j])), s.measures
-    norm = float((flow * measures / measures[:, None]).sum(axis=1).max()) * lasts
-    terms = (abs(row) + abs(rows_of(s, j, row, q)[q])) @ np.linalg.matrix_power(flow, q)
-    level = float(terms @ measures) * float((abs(s.after[j]) / measures).max())
-    return _ROUNDING * (16.0 + norm) * level
 
 
 def _whole(s: Any, among: list[int]) -> Any:
@@ -137,17 +108,3 @@ def _whole(s: Any, among: list[int]) -> Any:
     if whole == 0.0:
         raise NoSolution("several events of one element happen at once")
     return whole
-
-
-def rows_of(s: Any, j: int, row: Any, most: int) -> list[Any]:
-    """Rows h, h phi_1(A t), ... up to that number, A t of the time after event `j`.
-
-    phi_0 is the exponential function, and x phi_k+1(x) = phi_k(x) - 1/k!.
-    """
-    m, d = s.measures, len(row)
-    big = np.zeros((most + d, most + d), dtype=np.result_type(row, s.flows, s.durations))
-    big[: most - 1, 1:most] = np.eye(most - 1)
-    big[most - 1, most:] = row * m
-    big[most:, most:] = s.flows[j] * m / m[:, None] * s.durations[j]
-    found = exponentials(big[None])[0, :most, most:] / m
-    return [row, *found[::-1]]

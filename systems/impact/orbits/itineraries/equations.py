@@ -24,6 +24,7 @@ from dynkit.systems.impact.orbits.itineraries.itinerary import (
     has_law,
     returns_of,
 )
+from dynkit.systems.impact.orbits.itineraries.linear import LinearSolution
 from dynkit.systems.impact.orbits.itineraries.monodromy import factors, multipliers
 from dynkit.systems.impact.orbits.itineraries.motion import ItinerarySolution, Lap
 from dynkit.systems.impact.orbits.itineraries.openness import flights_are_open
@@ -206,7 +207,7 @@ class ItineraryEquations(ImpactProblem):
         lap = Lap(np.append(phases, phases[0] + turns), turn, impulses, states)
         if self.responds:
             return ResponseSolution(scene, self.course, lap)
-        kind = ShootingSolution if self.oscillator._motion is None else TaylorSolution
+        kind = LinearSolution if self.oscillator._motion is None else TaylorSolution
         return kind(scene, self.course, lap, self.pairs, self.driven)
 
     # --- equations --------------------------------------------------------------------------------

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from abc import abstractmethod
 from collections.abc import Iterator
 from functools import cached_property
 from typing import Any, NamedTuple
@@ -12,21 +13,13 @@ from scipy.linalg import null_space
 from dynkit.core.validation import Array
 from dynkit.orbits.multipliers import product_eigenvalues
 from dynkit.orbits.newton import NoSolution
-from dynkit.systems.impact.orbits.flights import Curve
 from dynkit.systems.impact.orbits.itineraries import divided
 from dynkit.systems.impact.orbits.itineraries.chatter import Chatter
-from dynkit.systems.impact.orbits.itineraries.flying import Flights, LinearFlights
+from dynkit.systems.impact.orbits.itineraries.flying import Flights
 from dynkit.systems.impact.orbits.itineraries.itinerary import Course
 from dynkit.systems.impact.orbits.itineraries.motion import ROUNDING, ItinerarySolution, Lap
 from dynkit.systems.impact.orbits.itineraries.simulated import is_motion
-from dynkit.systems.impact.orbits.machine import (
-    STEP,
-    Machine,
-    Numbers,
-    Regimes,
-    moved,
-    run_through,
-)
+from dynkit.systems.impact.orbits.machine import STEP, Machine, Regimes
 from dynkit.systems.impact.simulation.sampling import sample_run, sample_sliders
 from dynkit.systems.impact.simulation.state import TWO_PI
 
@@ -45,7 +38,7 @@ class ShootingSolution(ItinerarySolution):
     """The motion of an itinerary from the states at its nodes, given phases and impulses.
 
     Nothing is eliminated, so that no mode is neutral. Impulses are given, so that no impact
-    stretches on the way.
+    stretches on the way. A subclass must implement flights and rows: what is abstract here.
 
     Parameters
     ----------
@@ -90,40 +83,6 @@ class ShootingSolution(ItinerarySolution):
         return np.stack([np.sin(phases), np.cos(phases), np.ones_like(phases)], axis=1)
 
     @cached_property
-    def kicks(self) -> Any:
-        """Changes (n, D) by unit impulses; zero where there is none."""
-        none = np.zeros(self.dimension + 3)
-        kicks = [
-            self.machine.kick(e.kicked, e.element) if e.kicked else none for e in self.itinerary
-        ]
-        return np.array(kicks)
-
-    @cached_property
-    def resets(self) -> Any:
-        """(n, D, D): rates of what begins to hold, or to stick, are lost.
-
-        Where a chatter follows, the gap is put to zero.
-        """
-        pairs = zip(self.itinerary, self.following, strict=True)
-        return np.array(
-            [
-                self.machine.put_on(event.element)
-                if event.chatters
-                else self.machine.caught(event.mode, after.mode)
-                for event, after in pairs
-            ]
-        )
-
-    @cached_property
-    def flows(self) -> Any:
-        """A, (n, D, D), of the modes that follow the events, and chatters."""
-        return np.array([self.machine.flow(event.mode) for event in self.following])
-
-    @property
-    def _chattering(self) -> list[int]:
-        return [i for i, event in enumerate(self.itinerary) if event.chatters]
-
-    @cached_property
     def transitions(self) -> Any:
         """(n, D, D) from just after each event to just before the next.
 
@@ -135,10 +94,6 @@ class ShootingSolution(ItinerarySolution):
             (rate,) = self.flights(self.following[i].mode).rates(chatter.begin[None])
             out[i] = out[i] @ (changes - rate[:, None] * later)
         return out
-
-    def flights(self, mode: Regimes) -> Flights:
-        """The flights in a mode."""
-        return LinearFlights(self.machine, mode, self.measures)
 
     def _carried(self, i: int, chatter: Chatter, changes: Array) -> tuple[Array, Array]:
         flying = self.itinerary[i].kicked
@@ -169,12 +124,6 @@ class ShootingSolution(ItinerarySolution):
             raise NoSolution("the chatter must be complete before the next event")
         return found
 
-    def _caught(self, i: int, chatter: Chatter, state: Any) -> tuple[Any, Any]:
-        """State (D,) before the next event, and (D, D) from contact on, where a chatter follows."""
-        late, begin = self.durations[i] - chatter.lasts, self._begun_on(i, chatter, state)
-        (held,) = moved(self.flows[i : i + 1], np.array([late]), self.measures)
-        return held @ begin, held
-
     def _begun_on(self, i: int, chatter: Chatter, state: Any) -> Any:
         """State (D,) with which contact begins, and its imaginary changes at a given time."""
         if not np.iscomplexobj(state):
@@ -182,35 +131,6 @@ class ShootingSolution(ItinerarySolution):
         changes, later = self._carried(i, chatter, state.imag[:, None] / STEP)
         (rate,) = self.flights(self.following[i].mode).rates(chatter.begin[None])
         return chatter.begin + 1j * STEP * (changes[:, 0] - rate * later)
-
-    @cached_property
-    def _way(self) -> tuple[Any, Any, Any, Any, dict[int, Chatter]]:
-        """Whole states (n, D) before and after the events, and before the next ones.
-
-        With `_flown` and `chatters`.
-        """
-        n, d = self.events, self.dimension
-        if self.course.sticks and not (self.durations.real > 0.0).all():
-            raise NoSolution("events must come one after the other")
-        lasts, chattering = np.array(self.durations), self._chattering
-        lasts[chattering] = 0.0
-        flown, chatters = moved(self.flows, lasts, self.measures), {}
-        before, after, reached = np.empty((3, n, d + 3), dtype=flown.dtype)
-        state: Any = None
-        for i in range(n):
-            state = self.lap.states[self._node_of[i]] if i in self._node_of else state
-            before[i, :d], before[i, d:] = state, self._turning[i]
-            pushed = before[i]
-            if i in self.impulse_of:
-                pushed = pushed + self.impulses[self.impulse_of[i]] * self.kicks[i]
-            after[i] = self.resets[i] @ pushed
-            if self.itinerary[i].chatters:
-                chatters[i] = self._chatter(i, after[i])
-                reached[i], flown[i] = self._caught(i, chatters[i], after[i])
-            else:
-                reached[i] = flown[i] @ after[i]
-            state = reached[i, :d]
-        return before, after, reached, flown, chatters
 
     @property
     def before(self) -> Any:
@@ -227,35 +147,9 @@ class ShootingSolution(ItinerarySolution):
         """Whole states (n, D) just before the next events."""
         return self._way[2]
 
-    @cached_property
-    def moving(self) -> Any:
-        """Rates (n, D) of the states just before the next events."""
-        return (self.flows @ self.reached[:, :, None])[:, :, 0]
-
     @property
     def whole(self) -> Array:
         return np.asarray(self.after)
-
-    @cached_property
-    def guards(self) -> Any:
-        """Rows (n, D) of what is zero at the events; zero where a period begins."""
-        none = np.zeros(self.dimension + 3)
-        return np.array(
-            [
-                self.machine.watched(e.mode, e.element, e.guard) if e.element >= 0 else none
-                for e in self.itinerary
-            ]
-        )
-
-    def watch(self, mode: Regimes, element: int, guard: int, z: Any) -> tuple[Any, Any]:
-        """What an element watches there at a state (D,), and its derivative (D,)."""
-        row = self.machine.watched(mode, element, guard)
-        return row @ z, row
-
-    @property
-    def guarded(self) -> Any:
-        """What is zero at the events, (n,)."""
-        return (self.guards * self.before).sum(axis=1)
 
     @cached_property
     def rates(self) -> Any:
@@ -361,33 +255,6 @@ class ShootingSolution(ItinerarySolution):
             for column, part in self._lasts(j, mu):
                 out[i, column] += factor * by_time * part
 
-    @property
-    def norms(self) -> Array:
-        """Times (n,) between events, in units of the fastest changes of scaled states."""
-        scaled = abs(self.flows) * self.measures / self.measures[:, None]
-        return np.asarray(scaled.sum(axis=1).max(axis=1) * abs(self.durations))
-
-    def quotient(self, j: int, row: Any, q: int) -> Any:
-        """A row at the end of a flight, over a power of its duration: see `divided`."""
-        return divided.quotient(self, j, row, q)
-
-    def quotient_change(self, j: int, row: Any, q: int) -> tuple[Any, float]:
-        """Derivatives of it by the state (D,) at the begin, and by the duration."""
-        return divided.quotient_change(self, j, row, q)
-
-    def quotient_rounding(self, j: int, row: Any, q: int) -> float:
-        """What rounding may make of it, in units of a turn."""
-        return divided.quotient_rounding(self, j, row, q)
-
-    def rise(self, j: int, row: Any) -> Any:
-        """Change of a row of the state in a flight."""
-        rows = divided.rows_of(self, j, row, 1)
-        return self.durations[j] * (rows[1] @ (self.flows[j] @ self.after[j]))
-
-    def rise_change(self, j: int, row: Any) -> Any:
-        """Derivative of it by the state (D,) at the begin."""
-        return self.durations[j] * (divided.rows_of(self, j, row, 1)[1] @ self.flows[j])
-
     @cached_property
     def rounded(self) -> Array:
         """What rounding may make of `reached`, (n, D), from `after`, to first order."""
@@ -445,13 +312,87 @@ class ShootingSolution(ItinerarySolution):
             error += self.rounded[i, : self.dimension]
         return out
 
-    def change(self, change: tuple[Array, Numbers]) -> Array | None:
-        """Their derivative (m,) by a change of all numbers; None where it is not known."""
-        scene = self.scene._replace(machine=Machine(self.oscillator, change[0]))
-        given = self.course, self.lap, self.pairs, self.driven, self.chatters
-        there = ShootingSolution(scene, *given)
-        with np.errstate(all="ignore"):
-            return np.asarray(there.left.imag / STEP)
+    # --- flights ----------------------------------------------------------------------------------
+
+    @property
+    @abstractmethod
+    def _way(self) -> tuple[Any, Any, Any, Any, dict[int, Chatter]]:
+        """Whole states (n, D) before and after the events, and before the next ones.
+
+        With `_flown` and `chatters`.
+        """
+
+    @property
+    @abstractmethod
+    def kicks(self) -> Any:
+        """Changes (n, D) by unit impulses; zero where there is none."""
+
+    @property
+    @abstractmethod
+    def resets(self) -> Any:
+        """(n, D, D): rates of what begins to hold, or to stick, are lost.
+
+        Where a chatter follows, the gap is put to zero.
+        """
+
+    @property
+    @abstractmethod
+    def moving(self) -> Any:
+        """Rates (n, D) of the states just before the next events."""
+
+    @property
+    @abstractmethod
+    def guards(self) -> Any:
+        """Rows (n, D) of what is zero at the events; zero where a period begins."""
+
+    @property
+    @abstractmethod
+    def guarded(self) -> Any:
+        """What is zero at the events, (n,)."""
+
+    @property
+    @abstractmethod
+    def norms(self) -> Array:
+        """Times (n,) between events, in units of the fastest changes of scaled states."""
+
+    @abstractmethod
+    def flights(self, mode: Regimes) -> Flights:
+        """The flights in a mode."""
+
+    @abstractmethod
+    def watch(self, mode: Regimes, element: int, guard: int, z: Any) -> tuple[Any, Any]:
+        """What an element watches there at a state (D,), and its derivative (D,)."""
+
+    @abstractmethod
+    def quotient(self, j: int, row: Any, q: int) -> Any:
+        """A row at the end of flight `j`, over its duration to the power of q: see `divided`.
+
+        Without what its value and first derivatives at the begin make of it.
+        """
+
+    @abstractmethod
+    def quotient_change(self, j: int, row: Any, q: int) -> tuple[Any, float]:
+        """Derivatives of it by the state (D,) at the begin, and by the duration."""
+
+    @abstractmethod
+    def quotient_rounding(self, j: int, row: Any, q: int) -> float:
+        """What rounding may make of it, in units of a turn."""
+
+    @abstractmethod
+    def rise(self, j: int, row: Any) -> Any:
+        """Change of a row of the state in a flight."""
+
+    @abstractmethod
+    def rise_change(self, j: int, row: Any) -> Any:
+        """Derivative of it by the state (D,) at the begin."""
+
+    @abstractmethod
+    def _passed(self, i: int, durations: Array) -> Array:
+        """States (k, 2N) at durations (k,) after event `i`, after its chatter those in contact."""
+
+    @abstractmethod
+    def flown(self, i: int, phase: float) -> Array:
+        """The state (2N + J,) at a phase after event `i`."""
 
     # --- the motion -------------------------------------------------------------------------------
 
@@ -467,51 +408,15 @@ class ShootingSolution(ItinerarySolution):
             out[here] = np.concatenate([*sample_run(*own), sample_sliders(*own)], axis=1)
         return out
 
-    def _passed(self, i: int, durations: Array) -> Array:
-        """States (k, 2N) at durations (k,) after event `i`, after its chatter those in contact."""
-        start = self.after[i]
-        if i in self.chatters:
-            start, durations = self.chatters[i].begin, durations - self.chatters[i].lasts
-        flows = np.broadcast_to(self.flows[i], (len(durations), *self.flows[i].shape))
-        z = moved(flows, np.maximum(durations, 0.0), self.measures)
-        return np.asarray((z @ start)[:, : self.dimension])
-
-    def flown(self, i: int, phase: float) -> Array:
-        """The state (2N + J,) at a phase after event `i`."""
-        late = np.array([(phase - self.event_phases[i]) / self.clock])
-        z = moved(self.flows[i : i + 1], late, self.measures)[0] @ self.after[i]
-        return np.asarray(z[:-3])
-
     # --- what is watched --------------------------------------------------------------------------
 
     def begins(self, i: int) -> float:
         late = self.clock * self.chatters[i].lasts if i in self.chatters else 0.0
         return float(self.event_phases[i] + late)
 
-    def curve(self, i: int, element: int, guard: int = 0) -> Curve:
-        mode = self.following[i].mode
-        row, flow = self.machine.watched(mode, element, guard), self.flows[i]
-        start, m, lasts = self.after[i], self.measures, float(self.durations[i])
-        if i in self.chatters:
-            start, lasts = self.chatters[i].begin, lasts - self.chatters[i].lasts
-        rows = [row, row @ flow, row @ flow @ flow]
-
-        def values(times: Array, orders: int) -> Array:
-            states = run_through(flow, start, times, m)
-            return np.array([r @ states.T for r in rows[:orders]])
-
-        ends = np.maximum(abs(start), abs(self.reached[i]))
-        sizes = float(abs(rows[0]) @ ends), float(abs(rows[2]) @ ends)
-        return Curve(values, lasts, sizes)
-
     def size_of(self, i: int, element: int, guard: int) -> float:
         row = self.machine.watched(self.following[i].mode, element, guard)
         return float(abs(row) @ self.measures)
-
-    def acceleration(self, i: int) -> tuple[float, float]:
-        k = self.hits[i]
-        row = self.machine.rate(int(self.sides[i])) @ self.flows[k]
-        return float(row @ self.after[k]), 64.0 * _ROUNDING * float(abs(row) @ abs(self.after[k]))
 
     @property
     def bounces(self) -> tuple[Array, Array]:

@@ -1,0 +1,198 @@
+"""Motions of several modes of structures that are linear: flights are matrix exponentials."""
+
+from __future__ import annotations
+
+from functools import cached_property
+from typing import Any, final
+
+import numpy as np
+
+from dynkit.core.validation import Array
+from dynkit.orbits.newton import NoSolution
+from dynkit.systems.impact.orbits.flights import Curve
+from dynkit.systems.impact.orbits.itineraries.chatter import Chatter
+from dynkit.systems.impact.orbits.itineraries.flying import LinearFlights
+from dynkit.systems.impact.orbits.itineraries.shooting import ShootingSolution
+from dynkit.systems.impact.orbits.machine import (
+    STEP,
+    Machine,
+    Numbers,
+    Regimes,
+    exponentials,
+    moved,
+    run_through,
+)
+
+_ROUNDING = 2.0**-52
+
+
+@final
+class LinearSolution(ShootingSolution):
+    """The motion of an itinerary where flights are linear."""
+
+    @cached_property
+    def kicks(self) -> Any:
+        none = np.zeros(self.dimension + 3)
+        kicks = [
+            self.machine.kick(e.kicked, e.element) if e.kicked else none for e in self.itinerary
+        ]
+        return np.array(kicks)
+
+    @cached_property
+    def resets(self) -> Any:
+        pairs = zip(self.itinerary, self.following, strict=True)
+        return np.array(
+            [
+                self.machine.put_on(event.element)
+                if event.chatters
+                else self.machine.caught(event.mode, after.mode)
+                for event, after in pairs
+            ]
+        )
+
+    @cached_property
+    def flows(self) -> Any:
+        """A, (n, D, D), of the modes that follow the events, and chatters."""
+        return np.array([self.machine.flow(event.mode) for event in self.following])
+
+    def flights(self, mode: Regimes) -> LinearFlights:
+        return LinearFlights(self.machine, mode, self.measures)
+
+    def _caught(self, i: int, chatter: Chatter, state: Any) -> tuple[Any, Any]:
+        """State (D,) before the next event, and (D, D) from contact on, where a chatter follows."""
+        late, begin = self.durations[i] - chatter.lasts, self._begun_on(i, chatter, state)
+        (held,) = moved(self.flows[i : i + 1], np.array([late]), self.measures)
+        return held @ begin, held
+
+    @cached_property
+    def _way(self) -> tuple[Any, Any, Any, Any, dict[int, Chatter]]:
+        n, d = self.events, self.dimension
+        if self.course.sticks and not (self.durations.real > 0.0).all():
+            raise NoSolution("events must come one after the other")
+        lasts = np.array(self.durations)
+        lasts[[event.chatters for event in self.itinerary]] = 0.0
+        flown, chatters = moved(self.flows, lasts, self.measures), {}
+        before, after, reached = np.empty((3, n, d + 3), dtype=flown.dtype)
+        state: Any = None
+        for i in range(n):
+            state = self.lap.states[self._node_of[i]] if i in self._node_of else state
+            before[i, :d], before[i, d:] = state, self._turning[i]
+            pushed = before[i]
+            if i in self.impulse_of:
+                pushed = pushed + self.impulses[self.impulse_of[i]] * self.kicks[i]
+            after[i] = self.resets[i] @ pushed
+            if self.itinerary[i].chatters:
+                chatters[i] = self._chatter(i, after[i])
+                reached[i], flown[i] = self._caught(i, chatters[i], after[i])
+            else:
+                reached[i] = flown[i] @ after[i]
+            state = reached[i, :d]
+        return before, after, reached, flown, chatters
+
+    @cached_property
+    def moving(self) -> Any:
+        return (self.flows @ self.reached[:, :, None])[:, :, 0]
+
+    @cached_property
+    def guards(self) -> Any:
+        none = np.zeros(self.dimension + 3)
+        return np.array(
+            [
+                self.machine.watched(e.mode, e.element, e.guard) if e.element >= 0 else none
+                for e in self.itinerary
+            ]
+        )
+
+    def watch(self, mode: Regimes, element: int, guard: int, z: Any) -> tuple[Any, Any]:
+        row = self.machine.watched(mode, element, guard)
+        return row @ z, row
+
+    @property
+    def guarded(self) -> Any:
+        return (self.guards * self.before).sum(axis=1)
+
+    def acceleration(self, i: int) -> tuple[float, float]:
+        k = self.hits[i]
+        row = self.machine.rate(int(self.sides[i])) @ self.flows[k]
+        return float(row @ self.after[k]), 64.0 * _ROUNDING * float(abs(row) @ abs(self.after[k]))
+
+    def curve(self, i: int, element: int, guard: int = 0) -> Curve:
+        mode = self.following[i].mode
+        row, flow = self.machine.watched(mode, element, guard), self.flows[i]
+        start, m, lasts = self.after[i], self.measures, float(self.durations[i])
+        if i in self.chatters:
+            start, lasts = self.chatters[i].begin, lasts - self.chatters[i].lasts
+        rows = [row, row @ flow, row @ flow @ flow]
+
+        def values(times: Array, orders: int) -> Array:
+            states = run_through(flow, start, times, m)
+            return np.array([r @ states.T for r in rows[:orders]])
+
+        ends = np.maximum(abs(start), abs(self.reached[i]))
+        sizes = float(abs(rows[0]) @ ends), float(abs(rows[2]) @ ends)
+        return Curve(values, lasts, sizes)
+
+    # --- divided differences ----------------------------------------------------------------------
+
+    def quotient(self, j: int, row: Any, q: int) -> Any:
+        return self._rows(j, row, q)[q] @ (np.linalg.matrix_power(self.flows[j], q) @ self.after[j])
+
+    def quotient_change(self, j: int, row: Any, q: int) -> tuple[Any, float]:
+        rows, flow = self._rows(j, row, q + 1), self.flows[j]
+        power = np.linalg.matrix_power(flow, q)
+        late = (rows[q] - q * rows[q + 1]) @ (flow @ (power @ self.after[j]))
+        return rows[q] @ power, float(late)
+
+    def quotient_rounding(self, j: int, row: Any, q: int) -> float:
+        flow, m = abs(self.flows[j]), self.measures
+        terms = (abs(row) + abs(self._rows(j, row, q)[q])) @ np.linalg.matrix_power(flow, q)
+        level = float(terms @ m) * float((abs(self.after[j]) / m).max())
+        return _ROUNDING * (16.0 + float(self.norms[j])) * level
+
+    def rise(self, j: int, row: Any) -> Any:
+        rows = self._rows(j, row, 1)
+        return self.durations[j] * (rows[1] @ (self.flows[j] @ self.after[j]))
+
+    def rise_change(self, j: int, row: Any) -> Any:
+        return self.durations[j] * (self._rows(j, row, 1)[1] @ self.flows[j])
+
+    def _rows(self, j: int, row: Any, most: int) -> list[Any]:
+        """Rows h, h phi_1(A t), ... up to that number, A t of the time after event `j`.
+
+        phi_0 is the exponential function, and x phi_k+1(x) = phi_k(x) - 1/k!.
+        """
+        m, d = self.measures, len(row)
+        big = np.zeros((most + d, most + d), dtype=np.result_type(row, self.flows, self.durations))
+        big[: most - 1, 1:most] = np.eye(most - 1)
+        big[most - 1, most:] = row * m
+        big[most:, most:] = self.flows[j] * m / m[:, None] * self.durations[j]
+        found = exponentials(big[None])[0, :most, most:] / m
+        return [row, *found[::-1]]
+
+    @property
+    def norms(self) -> Array:
+        scaled = abs(self.flows) * self.measures / self.measures[:, None]
+        return np.asarray(scaled.sum(axis=1).max(axis=1) * abs(self.durations))
+
+    # --- the motion -------------------------------------------------------------------------------
+
+    def change(self, change: tuple[Array, Numbers]) -> Array | None:
+        """Their derivative (m,) by a change of all numbers."""
+        scene = self.scene._replace(machine=Machine(self.oscillator, change[0]))
+        given = self.course, self.lap, self.pairs, self.driven, self.chatters
+        there = LinearSolution(scene, *given)
+        with np.errstate(all="ignore"):
+            return np.asarray(there.left.imag / STEP)
+
+    def _passed(self, i: int, durations: Array) -> Array:
+        start = self.after[i]
+        if i in self.chatters:
+            start, durations = self.chatters[i].begin, durations - self.chatters[i].lasts
+        flows = np.broadcast_to(self.flows[i], (len(durations), *self.flows[i].shape))
+        z = moved(flows, np.maximum(durations, 0.0), self.measures)
+        return np.asarray((z @ start)[:, : self.dimension])
+
+    def flown(self, i: int, phase: float) -> Array:
+        late = np.array([(phase - self.event_phases[i]) / self.clock])
+        z = moved(self.flows[i : i + 1], late, self.measures)[0] @ self.after[i]
+        return np.asarray(z[:-3])
