@@ -113,25 +113,30 @@ def _secular(flights: Transitions, jumps: list[tuple[Array, Array]]) -> Any | No
         added = np.einsum("ijs,isr->jsr", blocks, v) + np.einsum("isq,qr->isr", right, crossed)
         left = np.concatenate([left, u], axis=2)
         right = np.concatenate([right, added], axis=2)
-    rank = left.shape[2]
-    roots = _guesses(blocks)
-    size = float(abs(roots).max())
-    work = np.empty((2, rank, rank), dtype=complex)
-    moving = np.ones(2 * count)
+    (a, b), (c, d) = blocks
+    halves = 0.5 * (a + d)
+    spreads = halves * halves - (a * d - b * c)
+    adjugates = np.array([[d, -b], [-c, a]])
+    rank, roots = left.shape[2], _guesses(halves, spreads)
+    x, y = roots.real.copy(), roots.imag.copy()
     missing = simultaneous_roots(
-        np.ascontiguousarray(blocks),
-        np.ascontiguousarray(left),
-        np.ascontiguousarray(right),
-        roots,
-        moving,
+        halves,
+        spreads,
+        np.einsum("pir,pqi,qis->rsi", right, adjugates, left, order="C"),
+        np.einsum("pir,pis->rsi", right, left, order="C"),
+        x,
+        y,
+        np.ones(2 * count, dtype=np.bool_),
         _STEPS,
         _TOLERANCE,
-        1e-3 * _TOLERANCE * size,
-        work,
+        1e-3 * _TOLERANCE * float(abs(roots).max()),
+        np.empty((4, count)),
+        np.empty((2, rank, rank), dtype=complex),
     )
+    roots = x + 1j * y
     if missing or not np.isfinite(roots).all():
         return None
-    trace = float((blocks[0, 0] + blocks[1, 1]).sum() + (left * right).sum())
+    trace = float(2.0 * halves.sum() + (left * right).sum())
     sizes = abs(roots).sum()
     if abs(roots.sum() - trace) > _AGREEMENT * sizes:
         return None
@@ -139,12 +144,10 @@ def _secular(flights: Transitions, jumps: list[tuple[Array, Array]]) -> Any | No
     return roots
 
 
-def _guesses(blocks: Array) -> Any:
-    """Eigenvalues of the blocks (2, 2, n), moved a little apart."""
-    half = 0.5 * (blocks[0, 0] + blocks[1, 1])
-    determinant = blocks[0, 0] * blocks[1, 1] - blocks[0, 1] * blocks[1, 0]
-    root = np.sqrt(half * half - determinant + 0j)
-    guesses = np.concatenate([half + root, half - root])
+def _guesses(halves: Array, spreads: Array) -> Any:
+    """Eigenvalues half +- sqrt(spread) of blocks, moved a little apart."""
+    root = np.sqrt(spreads + 0j)
+    guesses = np.concatenate([halves + root, halves - root])
     random = np.random.default_rng(0)
     shift = random.normal(size=guesses.size) + 1j * random.normal(size=guesses.size)
     return guesses + 1e-3 * shift * (abs(guesses) + 1e-9 * abs(guesses).max())

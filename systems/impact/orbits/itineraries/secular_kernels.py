@@ -8,36 +8,55 @@ from dynkit.core.validation import Array
 
 @kernel(reorder=True)
 def _logarithmic_derivative(
-    blocks: Array, left: Array, right: Array, z: complex, work: Array
+    halves: Array,
+    spreads: Array,
+    values: Array,
+    slopes: Array,
+    x: float,
+    y: float,
+    poles: Array,
+    work: Array,
 ) -> complex:
-    """Derivative of log det(D + U V' - z) by z, with D of 2 by 2 blocks.
+    """Derivative of log det(D + U V' - z) by z = x + i y, with D of 2 by 2 blocks.
 
     det(D + U V' - z) = det(D - z) det K, K = 1 + V' (D - z)^-1 U, of which `work` (2, r, r) takes K
-    and its derivative.
+    and its derivative. The inverse of a block is its adjugate, linear in z, over its determinant,
+    whose real and imaginary part `poles` (4, n) takes, and those of its derivative.
     """
-    count, rank = left.shape[1], left.shape[2]
+    rank, count = values.shape[0], halves.shape[0]
+    total_x = total_y = 0.0
+    for k in range(count):
+        # the determinant (z - half)^2 - spread, its derivative, and their quotients
+        u = x - halves[k]
+        p, q = u * u - y * y - spreads[k], 2.0 * u * y
+        size = max(abs(p), abs(q))
+        p, q = p / size, -q / size
+        scale = 1.0 / ((p * p + q * q) * size)
+        p, q = p * scale, q * scale
+        s, t = 2.0 * (u * p - y * q), 2.0 * (u * q + y * p)
+        total_x += s
+        total_y += t
+        poles[0, k], poles[1, k] = p, q
+        poles[2, k], poles[3, k] = t * q - s * p, -s * q - t * p
+    z = complex(x, y)
     for i in range(rank):
         for j in range(rank):
-            work[0, i, j] = 1.0 if i == j else 0.0
-            work[1, i, j] = 0.0
-    total = 0.0j
-    for k in range(count):
-        a = blocks[0, 0, k] - z
-        b = blocks[0, 1, k]
-        c = blocks[1, 0, k]
-        d = blocks[1, 1, k] - z
-        scale = 1.0 / (a * d - b * c)
-        total -= (a + d) * scale
-        a, b, c, d = d * scale, -b * scale, -c * scale, a * scale
-        for j in range(rank):
-            x = a * left[0, k, j] + b * left[1, k, j]
-            y = c * left[0, k, j] + d * left[1, k, j]
-            x_rate = a * x + b * y
-            y_rate = c * x + d * y
-            for i in range(rank):
-                work[0, i, j] += right[0, k, i] * x + right[1, k, i] * y
-                work[1, i, j] += right[0, k, i] * x_rate + right[1, k, i] * y_rate
-    return total + _trace_of_quotient(work, rank)
+            a = b = c = d = e = f = g = h = 0.0
+            for k in range(count):
+                value, slope = values[i, j, k], slopes[i, j, k]
+                a += value * poles[0, k]
+                b += value * poles[1, k]
+                c += value * poles[2, k]
+                d += value * poles[3, k]
+                e += slope * poles[0, k]
+                f += slope * poles[1, k]
+                g += slope * poles[2, k]
+                h += slope * poles[3, k]
+            linear = complex(e, f)
+            work[0, i, j] = complex(a, b) - z * linear
+            work[1, i, j] = complex(c, d) - z * complex(g, h) - linear
+        work[0, i, i] += 1.0
+    return complex(total_x, total_y) + _trace_of_quotient(work, rank)
 
 
 @kernel()
@@ -63,56 +82,72 @@ def _trace_of_quotient(work: Array, rank: int) -> complex:
     return total
 
 
+@kernel(reorder=True)
+def _repulsion(x: Array, y: Array, i: int) -> complex:
+    """Sum of 1 / (z_i - z_j) over the others, z = x + i y."""
+    total_x = total_y = 0.0
+    for first, last in ((0, i), (i + 1, x.shape[0])):
+        for j in range(first, last):
+            p, q = x[i] - x[j], y[i] - y[j]
+            size = max(abs(p), abs(q))
+            p, q = p / size, q / size
+            scale = 1.0 / ((p * p + q * q) * size)
+            total_x += p * scale
+            total_y -= q * scale
+    return complex(total_x, total_y)
+
+
 @kernel(entry=True)
 def simultaneous_roots(
-    blocks: Array,
-    left: Array,
-    right: Array,
-    roots: Array,
+    halves: Array,
+    spreads: Array,
+    values: Array,
+    slopes: Array,
+    x: Array,
+    y: Array,
     moving: Array,
     steps: int,
     tolerance: float,
     least: float,
+    poles: Array,
     work: Array,
 ) -> int:
-    """Move guesses of all eigenvalues to them, in place; return how many did not arrive.
+    """Move guesses x + i y of all eigenvalues to them, in place; return how many did not arrive.
 
     Ehrlich's and Aberth's iteration. A guess has arrived when it moves by less than `tolerance` of
     itself or than `least`.
 
     Parameters
     ----------
-    blocks
-        (2, 2, n)
-    left, right
-        (2, n, r)
-    roots
-        (2 n,) complex, distinct
+    halves, spreads
+        (n,); half the trace of each block, and its square less the determinant
+    values, slopes
+        (r, r, n); of V' adj(D - z) U, which is linear in -z, the parts of each block
+    x, y
+        (2 n,), distinct
     moving
-        (2 n,) ones; zero for those that have arrived
-    work
-        (2, r, r) complex
+        (2 n,), true; false for those that have arrived
+    poles, work
+        (4, n), and (2, r, r) complex: scratch
 
     References
     ----------
     O. Aberth, Iteration methods for finding all zeros of a polynomial simultaneously, Mathematics
     of Computation 27 (1973) 339-344.
     """
-    count = roots.shape[0]
-    arrived = 0
+    count, arrived = x.shape[0], 0
     for _ in range(steps):
         for i in range(count):
-            if moving[i] == 0.0:
+            if not moving[i]:
                 continue
-            z = roots[i]
-            slope = _logarithmic_derivative(blocks, left, right, z, work)
-            for j in range(count):
-                if j != i:
-                    slope -= 1.0 / (z - roots[j])
-            step = 1.0 / slope
-            roots[i] = z - step
-            if abs(step) <= max(tolerance * abs(z), least):
-                moving[i] = 0.0
+            slope = _logarithmic_derivative(
+                halves, spreads, values, slopes, x[i], y[i], poles, work
+            )
+            step = 1.0 / (slope - _repulsion(x, y, i))
+            x[i] -= step.real
+            y[i] -= step.imag
+            if abs(step) <= max(tolerance * abs(complex(x[i], y[i])), least):
+                moving[i] = False
                 arrived += 1
         if arrived == count:
             break
