@@ -22,6 +22,7 @@ from dynkit.systems.impact.elements.element import EventKind
 from dynkit.systems.impact.records.record import ImpactRecord
 from dynkit.systems.impact.simulation.sampling import sample_run
 from dynkit.systems.impact.simulation.trajectory import Ending, Trajectory
+from tests.impact.agreement import moves_as_in_many_digits
 from tests.impact.own_laws import Hardening
 from tests.reference.soft_stops import DIGITS, SoftStopReference
 
@@ -177,36 +178,6 @@ def random_row(random: np.random.Generator, n: int) -> Any:
     return rows[int(random.integers(len(rows)))]
 
 
-def held_against_many_digits(seed: int, count: int = 8, step: float = 0.005, **kinds: bool) -> int:
-    """Compare the impacts of a random machine, until a chatter ends; return how many."""
-    return compared(*random_machine(seed, **kinds), count, step)
-
-
-def compared(
-    chain: ImpactChain, place: Array, velocity: Array, count: int, step: float = 0.005
-) -> int:
-    """Compare impacts with those in many digits, until a chatter ends or one is ambiguous."""
-    run = chain._run(chain.state(place, velocity), count, store=True)
-    cut = run.switches.before[run.switches.speed > 0.0]
-    # one that is ambiguous, and alone, is by the same law, but its error is infinite
-    ambiguous = (
-        run.ambiguous >= 0 and chain._automaton.guards[run.log.guard[run.ambiguous]].ambiguous
-    )
-    until = [run.ambiguous + ambiguous] * (run.ambiguous >= 0)
-    compared: int = min([run.impacts, *cut.tolist(), *until])
-    if compared:
-        start = np.concatenate([place, velocity])
-        with mp.workdps(DIGITS):
-            reference = SoftStopReference(chain, step)
-            expected = reference.impacts(start, compared)
-        assert reference.which == run.element[:compared].tolist()
-        last = ambiguous and compared == run.ambiguous + 1
-        assert reference.coupled == [False] * (compared - 1) + [last]
-        run = chain._run(chain.state(place, velocity), compared, store=True)
-        compare(chain, run, expected, 1e-8)
-    return compared
-
-
 def by_law(chain: ImpactChain, seed: int) -> ImpactChain:
     """The same, each of its hard stops with a law of its own."""
     random = np.random.default_rng(seed)
@@ -264,34 +235,36 @@ def with_several_stops(seed: int) -> tuple[ImpactChain, Array, Array]:
 # in the last eight a dashpot tears the mass off the table, or a spring is all but grazed
 @pytest.mark.parametrize("seed", [*range(16), 1027, 1073, 1087, 1259, 1275, 1327, 1329, 1341])
 def test_random_machines_move_as_in_many_digits(seed: int) -> None:
-    assert held_against_many_digits(seed) >= 1
+    moves_as_in_many_digits(*random_machine(seed), impacts=8, most=1e-8)
 
 
 @pytest.mark.parametrize("seed", [*range(20), 1027, 1073, 1087, 1259])
 def test_random_machines_with_preloaded_stops(seed: int) -> None:
-    assert held_against_many_digits(seed, preloaded=True) >= 1
+    machine = random_machine(seed, preloaded=True)
+    moves_as_in_many_digits(*machine, impacts=8, most=1e-8)
 
 
 @pytest.mark.parametrize("seed", range(24))
 def test_random_machines_with_a_hard_stop_anywhere(seed: int) -> None:
-    assert held_against_many_digits(seed, anywhere=True) >= 1
+    machine = random_machine(seed, anywhere=True)
+    moves_as_in_many_digits(*machine, impacts=8, most=1e-8)
 
 
 @pytest.mark.parametrize("seed", [seed for seed in range(40) if seed not in (14, 27, 35)])
 def test_random_machines_with_several_hard_stops(seed: int) -> None:
-    assert compared(*with_several_stops(seed), 8) >= 1
+    moves_as_in_many_digits(*with_several_stops(seed), impacts=8, most=1e-8)
 
 
 @pytest.mark.parametrize("seed", range(24))
 def test_random_machines_with_impact_laws(seed: int) -> None:
     chain, place, velocity = random_machine(seed, anywhere=True, preloaded=seed % 2 == 0)
-    assert compared(by_law(chain, seed), place, velocity, 8) >= 1
+    moves_as_in_many_digits(by_law(chain, seed), place, velocity, impacts=8, most=1e-8)
 
 
 @pytest.mark.parametrize("seed", [seed for seed in range(24) if seed not in (14,)])
 def test_random_machines_with_several_impact_laws(seed: int) -> None:
     chain, place, velocity = with_several_stops(seed)
-    assert compared(by_law(chain, seed), place, velocity, 8) >= 1
+    moves_as_in_many_digits(by_law(chain, seed), place, velocity, impacts=8, most=1e-8)
 
 
 @pytest.mark.parametrize("dashpot", [0.0, 0.6])

@@ -4,10 +4,9 @@ from typing import Any
 
 import numpy as np
 import pytest
-from mpmath import mp
 
 from dynkit.systems import DryFriction, HardStop, ImpactChain, SoftStop
-from tests.reference.soft_stops import DIGITS, SoftStopReference
+from tests.impact.agreement import moves_as_in_many_digits
 
 
 def pair(*elements: Any) -> ImpactChain:
@@ -86,7 +85,6 @@ def test_random_machines_move_as_in_many_digits(seed: int, hit: bool) -> None:
         )
         for share in (0.25, 0.75)
     ]
-    one = DryFriction(row, force=force, static=force + static, velocity=velocity, **motion)
     more: list[Any] = []
     if random.random() < 0.6:  # another surface, as fast as one, or not: only one of both sticks
         away = {**motion, "velocity": velocity + random.choice([-0.2, 0.3])}
@@ -105,19 +103,6 @@ def test_random_machines_move_as_in_many_digits(seed: int, hit: bool) -> None:
     )
     place, velocities = random.normal(size=n), random.normal(size=n)
     place[-1] = 0.3 + abs(place[-1])
+    moves_as_in_many_digits(chain, place, velocities, impacts=4, most=1e-10)
     record = chain.simulate(impacts=4, start=chain.state(place, velocities))
-    run = record._run
-    cut = run.switches.before[run.switches.speed > 0.0]  # the reference does not end chatter
-    count = min([len(record), *cut.tolist()])
-    assert count >= 1
-    with mp.workdps(DIGITS):
-        reference = SoftStopReference(chain, 0.003, [one, *more])
-        start = np.concatenate([place, velocities])
-        found = (reference.impacts if hit else reference.periods)(start, count)
-        states = np.array([[float(number) for number in z] for _, z in found])
-    assert len(reference.switches) >= 1
-    motions = np.concatenate([record.position, record.velocity], axis=1)[:count]
-    apart = abs(motions - states[:, : 2 * n]).max(axis=1)
-    assert (apart <= record.error[:count]).all()
-    assert apart.max() < 1e-10
     assert record.energy_balance().error < 1e-12

@@ -14,6 +14,7 @@ from dynkit.systems import (
     DryFriction,
     Element,
     HardStop,
+    ImpactLaw,
     Jenkins,
     PlasticBelow,
     SoftStop,
@@ -127,7 +128,7 @@ class Table(Part):
             root = u.root(5)
             r = (1 - arb(law.dissipation) * root + arb(law.second) * root**2).mid()
             return r if r > 0 else arb(0)
-        return arb(law)
+        return arb(law.expression(u) if isinstance(law, ImpactLaw) else law).mid()
 
     def first(self, z: Any) -> int:
         return OPEN

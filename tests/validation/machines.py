@@ -57,11 +57,11 @@ def compared_machine(number: int) -> Comparison:
     return compared(*random_machine(number))
 
 
-def compared(system: Any, start: Any, truth: Any = None) -> Comparison:
+def compared(system: Any, start: Any, truth: Any = None, impacts: int = IMPACTS) -> Comparison:
     """Compare a motion with that in many digits, of the same machine or of another one."""
     out = Comparison()
     try:
-        record = system.simulate(impacts=IMPACTS, start=start)
+        record = system.simulate(impacts=impacts, start=start)
         error = record.error
     except NotImplementedError:
         out.ended = "refused"
@@ -70,7 +70,7 @@ def compared(system: Any, start: Any, truth: Any = None) -> Comparison:
         machine = Machine(truth or system)
         sine, cosine = start._turn.tolist()
         z = machine.start(start.position, start.velocity, start.sliders, sine, cosine)
-        end = _end(record)
+        end = _end(record, impacts)
         marks = cycled_by(system._elements) if system._cycled else None
         events, out.ended = machine.motion(
             z,
@@ -85,17 +85,17 @@ def compared(system: Any, start: Any, truth: Any = None) -> Comparison:
             out.ended, end = "not unique", undecided[0]
         if not events:
             return out
-        _Pair(out, system, record, error, machine, events, end).compare()
+        _Pair(out, system, record, error, machine, events, end, impacts).compare()
     return out
 
 
-def _end(record: Any) -> float:
+def _end(record: Any, impacts: int) -> float:
     """Until when both are followed: where impacts are missing, for some periods.
 
     Errors are claimed at impacts: after the last one little may be lost.
     """
     last = float(record.time[-1]) if len(record) else 0.0
-    if len(record) == IMPACTS:
+    if len(record) == impacts:
         return last
     if len(record) and not record.error[-1] < SMALL:
         return last + 4.0 * min(float(record.error[-1]), LOST) / float(record.system.frequency)
@@ -114,6 +114,7 @@ class _Pair:
     machine: Machine
     events: list[Event]
     end: float
+    impacts: int
 
     def compare(self) -> None:
         out, record, w = self.out, self.record, self.system.frequency
@@ -137,7 +138,7 @@ class _Pair:
             off = self.system.difference(record.states[at], self._section(event, stop))
             out.states.append((float(abs(off).max()), claimed + rounding))
             out.times.append((late, claimed / w + 2.0**-51 * float(record.time[at])))
-        missing = len(own) < len(exact) and len(record) < IMPACTS and not out.ended
+        missing = len(own) < len(exact) and len(record) < self.impacts and not out.ended
         if len(own) > len(exact) or missing:
             out.wrong = f"{len(own)} impacts, in truth {len(exact)}"
         else:
