@@ -5,6 +5,7 @@ from itertools import combinations
 from operator import mul
 from typing import Any
 
+from flint import arb, arb_mat, ctx
 from mpmath import mp
 from mpmath.libmp import from_man_exp, to_fixed
 
@@ -24,6 +25,9 @@ NUDGE = 1e-12
 """Time for which friction slips before one asks whether it stops: its rate may begin as t^2."""
 
 IMPACT, RELEASE, SWITCH, SLIP, HALT, SLIDE = range(6)
+
+ROUNDING = (1 << BITS) // 10**DIGITS
+"""What ends a series."""
 
 REST = -1
 """Of friction that takes no force."""
@@ -76,6 +80,8 @@ class SoftStopReference:
         self.free[2 * n, 2 * n + 1], self.free[2 * n + 1, 2 * n] = w, -w
         self.known: dict[Any, Any] = {}
         self.steps: dict[Any, Any] = {}
+        self.rates: dict[Any, Any] = {}
+        self.rows: dict[Any, Any] = {}
         self.regimes: list[int] = []
         self.ways: list[int] = []
         self.sliding = [STICK] * len(joints)
@@ -107,9 +113,13 @@ class SoftStopReference:
             rows.append(rub.forces[way] if way in (FORWARD, BACKWARD) else stuck.get(k, none))
         return tuple((row * z)[0] for row in rows)
 
+    def key(self, held: tuple[int, ...]) -> tuple[Any, ...]:
+        """What the flow depends on."""
+        return tuple(self.regimes), tuple(self.ways), tuple(self.sliding), held
+
     def flow(self, held: tuple[int, ...]) -> tuple[Any, list[Any], list[Any]]:
         """The generator of the motion, and rows of forces: that hold stops, by which it sticks."""
-        key = tuple(self.regimes), tuple(self.ways), tuple(self.sliding), held
+        key = self.key(held)
         if key not in self.known:
             flow = self.free.copy()
             for cushion, regime in zip(self.cushions, self.regimes, strict=True):
@@ -144,7 +154,7 @@ class SoftStopReference:
     def resting(self, held: tuple[int, ...]) -> dict[int, Any]:
         """Rows of the forces of cushions on which a mass rests."""
         self.flow(held)
-        key = tuple(self.regimes), tuple(self.ways), tuple(self.sliding), held
+        key = self.key(held)
         rests = [k for k, regime in enumerate(self.regimes) if regime == RESTING]
         return dict(zip(rests, self.known[key][3], strict=True))
 
@@ -164,12 +174,31 @@ class SoftStopReference:
 
     def stepped(self, z: Any, held: tuple[int, ...]) -> Any:
         """The state a step later, where nothing happens."""
-        key = tuple(self.regimes), tuple(self.ways), tuple(self.sliding), held
+        key = self.key(held)
         if key not in self.steps:
-            step = mp.expm(self.flow(held)[0] * self.step)
-            self.steps[key] = list(map(fixed, step.tolist()))
+            self.steps[key] = exponential((self.flow(held)[0] * self.step).tolist())
         here = fixed(z)
         return mp.matrix([product(row, here) for row in self.steps[key]])
+
+    def series(self, z: Any, held: tuple[int, ...], step: Any) -> list[list[int]]:
+        """Taylor's series of the motion, as integers, as long as it counts within a step."""
+        key = self.key(held)
+        if key not in self.rates:
+            self.rates[key] = list(map(fixed, self.flow(held)[0].tolist()))
+        terms, reach = [fixed(z)], fixed([mp.mpf(step)])[0]
+        power = 1 << BITS
+        while (max(map(abs, terms[-1])) * power) >> BITS > ROUNDING:
+            k = len(terms)
+            terms.append([(sum(map(mul, row, terms[-1])) >> BITS) // k for row in self.rates[key]])
+            power = (power * reach) >> BITS
+        return terms
+
+    def watched(self, z: Any, held: tuple[int, ...]) -> list[tuple[list[int], int, int, int]]:
+        """What `events` gives, the rows as integers."""
+        key = *self.key(held), *self.lain(z, held)
+        if key not in self.rows:
+            self.rows[key] = [(fixed(row), *event) for row, *event in self.events(z, held)]
+        return self.rows[key]
 
     def way(self, rub: Rub, z: Any) -> int:
         """The regime of friction by the sign of its rate."""
@@ -376,17 +405,17 @@ class SoftStopReference:
         self.follow(z, held, time)
         found: list[tuple[Any, Any]] = []
         while len(found) < count:
-            flow = self.flow(held)[0]
             if any(way not in (STICK, old) for way, old in zip(self.ways, before, strict=True)):
-                z, time = after(series(flow, z, NUDGE), NUDGE), time + NUDGE
+                z, time = after(self.series(z, held, NUDGE), NUDGE), time + NUDGE
             before, due = list(self.ways), (len(found) + 1) * period
             step = min(self.step, due - time)
             whole = step == self.step
-            there = self.stepped(z, held) if whole else after(series(flow, z, step), step)
+            there = self.stepped(z, held) if whole else after(self.series(z, held, step), step)
+            end = fixed(there)
             ahead = [
                 event
-                for event in self.events(z, held)
-                if (event[0] * there)[0] < (-TINY if event[1] == SLIDE else 0)
+                for event in self.watched(z, held)
+                if product(event[0], end) < (-TINY if event[1] == SLIDE else 0)
             ]
             if not ahead:
                 z, time = there, time + step
@@ -394,7 +423,7 @@ class SoftStopReference:
                     found.append((due, z.copy()))
                     self.pushes.append(self.pushing(z, held))
                 continue
-            terms = series(flow, z, step)
+            terms = self.series(z, held, step)
             hits = sorted((root(row, terms, step), *event) for row, *event in ahead)
             if [hit[1] for hit in hits[:2]] == [IMPACT] * 2 and hits[1][0] - hits[0][0] < 1e-20:
                 raise RuntimeError(f"two stops are hit at once, at {time + hits[0][0]}")
@@ -433,6 +462,11 @@ class SoftStopReference:
 def fixed(numbers: Iterable[Any]) -> list[int]:
     """Numbers as integers, in units of 2^-BITS."""
     return [to_fixed(number._mpf_, BITS) for number in numbers]
+
+
+def number(integer: int) -> Any:
+    """An integer in units of 2^-BITS, rounded."""
+    return mp.make_mpf(from_man_exp(integer, -BITS, mp.prec, "n"))
 
 
 def product(row: list[int], state: list[int]) -> Any:
@@ -475,27 +509,34 @@ def dependent(inertia: Any) -> bool:
     return bool(abs(mp.det(inertia)) <= TINY * size)
 
 
-def root(row: Any, terms: Any, step: Any) -> Any:
+def exponential(rows: list[list[Any]]) -> list[list[int]]:
+    """The exponential of a matrix, as integers."""
+    unit = 1 << BITS
+    with ctx.workprec(2 * BITS):
+        found = arb_mat([[arb(each) / unit for each in fixed(row)] for row in rows]).exp() * unit
+        return [[int(each.mid().floor().unique_fmpz()) for each in row] for row in found.tolist()]
+
+
+def root(row: list[int], terms: list[list[int]], step: Any) -> Any:
     """Where a row of the state, given by its Taylor series, becomes negative within a step."""
-    polynomial = [(row * term)[0] for term in reversed(terms)]
-    low, high = mp.mpf(0), step
+    numbers = [sum(map(mul, row, term)) >> BITS for term in reversed(terms)]
+    slopes = [k * each for k, each in enumerate(reversed(numbers))][:0:-1]
+    low, high = 0, fixed([mp.mpf(step)])[0]
     for _ in range(30):
-        middle = (low + high) / 2
-        positive = mp.polyval(polynomial, middle) > 0
-        low, high = (middle, high) if positive else (low, middle)
-    t = (low + high) / 2
+        middle = (low + high) >> 1
+        low, high = (middle, high) if polynomial(numbers, middle) > 0 else (low, middle)
+    t = (low + high) >> 1
     for _ in range(6):
-        value, slope = mp.polyval(polynomial, t, derivative=True)
-        t -= value / slope
-    return t
+        t -= (polynomial(numbers, t) << BITS) // polynomial(slopes, t)
+    return number(t)
 
 
-def series(flow: Any, z: Any, step: Any) -> list[Any]:
-    """Taylor's series of the motion, as long as it counts within a step."""
-    terms = [z]
-    while mp.norm(terms[-1], mp.inf) * abs(step) ** (len(terms) - 1) > mp.mpf(10) ** -DIGITS:
-        terms.append(flow * terms[-1] / len(terms))
-    return terms
+def polynomial(numbers: list[int], t: int) -> int:
+    """A polynomial by Horner's scheme, all as integers; the highest power comes first."""
+    found = 0
+    for each in numbers:
+        found = ((found * t) >> BITS) + each
+    return found
 
 
 def combined(numbers: Sequence[Any], rows: Sequence[Any]) -> Any:
@@ -503,6 +544,7 @@ def combined(numbers: Sequence[Any], rows: Sequence[Any]) -> Any:
     return sum((a * row for a, row in zip(numbers, rows, strict=True)), 0 * rows[0])
 
 
-def after(terms: list[Any], time: Any) -> Any:
+def after(terms: list[list[int]], time: Any) -> Any:
     """The state after some time, by the series of the motion."""
-    return combined([time**k for k in range(len(terms))], terms)
+    t = fixed([mp.mpf(time)])[0]
+    return mp.matrix([number(polynomial(numbers[::-1], t)) for numbers in zip(*terms, strict=True)])
