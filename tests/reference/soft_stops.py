@@ -514,7 +514,7 @@ def exponential(rows: list[list[Any]]) -> list[list[int]]:
     unit = 1 << BITS
     with ctx.workprec(2 * BITS):
         found = arb_mat([[arb(each) / unit for each in fixed(row)] for row in rows]).exp() * unit
-        return [[int(each.mid().floor().unique_fmpz()) for each in row] for row in found.tolist()]
+        return [[int(str(each.mid().floor().unique_fmpz())) for each in row] for row in found.tolist()]
 
 
 def root(row: list[int], terms: list[list[int]], step: Any) -> Any:
@@ -531,7 +531,7 @@ def root(row: list[int], terms: list[list[int]], step: Any) -> Any:
     return number(t)
 
 
-def polynomial(numbers: list[int], t: int) -> int:
+def polynomial(numbers: Sequence[int], t: int) -> int:
     """A polynomial by Horner's scheme, all as integers; the highest power comes first."""
     found = 0
     for each in numbers:
