@@ -81,7 +81,7 @@ class SoftStopReference:
         self.known: dict[Any, Any] = {}
         self.steps: dict[Any, Any] = {}
         self.rates: dict[Any, Any] = {}
-        self.rows: dict[Any, Any] = {}
+        self.rows: dict[Any, list[tuple[list[int], int, int, int]]] = {}
         self.regimes: list[int] = []
         self.ways: list[int] = []
         self.sliding = [STICK] * len(joints)
