@@ -197,7 +197,9 @@ class SoftStopReference:
         """What `events` gives, the rows as integers."""
         key = *self.key(held), *self.lain(z, held)
         if key not in self.rows:
-            self.rows[key] = [(fixed(row), *event) for row, *event in self.events(z, held)]
+            self.rows[key] = [
+                (fixed(row), kind, k, to) for row, kind, k, to in self.events(z, held)
+            ]
         return self.rows[key]
 
     def way(self, rub: Rub, z: Any) -> int:
@@ -514,7 +516,9 @@ def exponential(rows: list[list[Any]]) -> list[list[int]]:
     unit = 1 << BITS
     with ctx.workprec(2 * BITS):
         found = arb_mat([[arb(each) / unit for each in fixed(row)] for row in rows]).exp() * unit
-        return [[int(str(each.mid().floor().unique_fmpz())) for each in row] for row in found.tolist()]
+        return [
+            [int(str(each.mid().floor().unique_fmpz())) for each in row] for row in found.tolist()
+        ]
 
 
 def root(row: list[int], terms: list[list[int]], step: Any) -> Any:
