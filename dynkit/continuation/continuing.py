@@ -205,7 +205,7 @@ def _bifurcation(
         else is_admissible(problem, found.x, found.p)
     )
     touching = {}
-    if isinstance(problem, WatchedProblem) and on_border and len(found.history) > 1:
+    if isinstance(problem, WatchedProblem) and on_border and found.solved:
         touching = dict(problem.touching(event, found.x, found.own, found.p))
     return Bifurcation(
         kind=kind,

@@ -24,7 +24,8 @@ class Crossing(NamedTuple):
 class Located(NamedTuple):
     """A located bifurcation: all unknowns and their errors.
 
-    `errors`, (m + e + 1,), are those of `x`, `own` and `p`.
+    `errors`, (m + e + 1,), are those of `x`, `own` and `p`. Where its equations are not `solved`
+    it is between two points of the branch.
     """
 
     crossing: Crossing
@@ -37,6 +38,7 @@ class Located(NamedTuple):
     history: tuple[float, ...]
     seconds: float
     steps: int
+    solved: bool = True
 
 
 @final

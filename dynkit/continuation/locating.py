@@ -95,6 +95,7 @@ def locate(
         history=(after.residual,),
         seconds=time.perf_counter() - began,
         steps=steps,
+        solved=False,
     )
 
 

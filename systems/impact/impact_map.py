@@ -69,8 +69,8 @@ class ImpactMap(DrivenStructure, Map):
     def periodic_orbit(self, *args: Any, **kwargs: Any) -> Any:
         """Return a periodic orbit: see `ImpactOscillator`."""
 
-    def _run(self, start: ImpactState, count: int, *, store: bool) -> Trajectory:
-        return trajectory_of(self, start, count, store=store)
+    def _run(self, start: ImpactState, count: int, *, store: bool, **limits: int) -> Trajectory:
+        return trajectory_of(self, start, count, store=store, **limits)
 
     # --- the family -------------------------------------------------------------------------------
 

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from mpmath import mp
 
-from dynkit.systems import ImpactChain, SoftStop
+from dynkit.systems import DryFriction, SoftStop
 from tests.reference.friction import Cushion, Gap, Rub, Table
 from tests.reference.soft_stops import SoftStopReference
 
@@ -17,15 +17,21 @@ DIGITS = 45
 
 
 class ExactMachine:
-    """The modes of a chain with elements, hard stops first, by the regimes of all of these."""
+    """The modes of masses with elements, hard stops first, by the regimes of all of these."""
 
-    def __init__(self, chain: ImpactChain) -> None:
+    def __init__(self, chain: Any) -> None:
         own = SoftStopReference(chain, elements=chain._elements)
         self.size, self.free, self.masses = own.size, own.free, own.masses
         self.parts: list[Any] = [*own.tables]
         for element in chain._elements[len(own.tables) :]:
-            kind = Cushion if isinstance(element, SoftStop) else Rub
-            self.parts.append(kind(element, self.masses, own.frequency))  # type: ignore[arg-type]
+            given = self.masses, own.frequency
+            stops = [stop.name for stop in chain._elements[: len(own.tables)]]
+            if isinstance(element, SoftStop):
+                self.parts.append(Cushion(element, *given))
+            else:
+                assert isinstance(element, DryFriction)
+                stop = stops.index(element.normal) if element.normal else None
+                self.parts.append(Rub(element, *given, stop=stop))
 
     def mode(self, regimes: tuple[int, ...]) -> tuple[Any, dict[int, Any]]:
         """The generator, and rows of the forces by which elements hold or stick."""
@@ -40,12 +46,17 @@ class ExactMachine:
         forces = {}
         if held:
             fixed = [self.parts[k] for k in held]
-            inertia = mp.matrix([[(a.rate * b.kick)[0] for b in fixed] for a in fixed])
+            kicks = [part.kick for part in fixed]
+            for part, regime in zip(self.parts, regimes, strict=True):
+                if isinstance(part, Rub) and part.stop in held and regime in (1, 2):
+                    own = (-1 if regime == 1 else 1) * part.coefficient * part.kick
+                    kicks[held.index(part.stop)] = kicks[held.index(part.stop)] + own
+            inertia = mp.matrix([[(a.rate * kick)[0] for kick in kicks] for a in fixed])
             rates = mp.matrix([(part.rate * flow).tolist()[0] for part in fixed])
             rows = -mp.inverse(inertia) * rates
             forces = {k: rows[i, :] for i, k in enumerate(held)}
-            for k, part in zip(held, fixed, strict=True):
-                flow += part.kick * forces[k]
+            for k, kick in zip(held, kicks, strict=True):
+                flow += kick * forces[k]
         return flow, forces
 
     def guard(self, regimes: tuple[int, ...], element: int, number: int) -> Any:
@@ -55,9 +66,10 @@ class ExactMachine:
             return part.watched[regime][number][0]
         force = self.mode(regimes)[1].get(element)
         if isinstance(part, Rub) and regime == 3:
-            one = mp.zeros(1, part.rate.cols)
-            one[one.cols - 1] = part.static
-            return one - force if number == 0 else one + force
+            most = part.most
+            if part.stop is not None:
+                most = part.static * self.mode(regimes)[1][part.stop]
+            return most - force if number == 0 else most + force
         if isinstance(part, Rub):
             return part.rate
         return part.gap if force is None else force
@@ -128,6 +140,11 @@ class ExactOrbit:
                 rate = (stop.rate * z)[0]
                 change = (1 + stop.restitution(-rate)) * rate
                 z = z - change * self.machine.kick(event.kicked.numbers, stop)
+                for k, way in event.rubs:
+                    rub = self.machine.parts[k]
+                    over = (rub.rate * rub.kick)[0]
+                    most = -rub.coefficient * change * over / (stop.rate * stop.kick)[0]
+                    z = z - (way * most if way else (rub.rate * z)[0]) / over * rub.kick
             after = self.itinerary[(i + 1) % self.count].mode.numbers
             z = mp.expm(self.flows[after] * ((phases[i + 1] - phases[i]) / clock)) * z
             states.append(list(z))

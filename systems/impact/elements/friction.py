@@ -11,7 +11,7 @@ from dynkit.systems.impact.elements.element import HALT, JUMP, Element, Regime, 
 TURNED = (0, 2, 1, 3)
 """Regimes, seen from the other side."""
 
-OFF, FORWARD, STICKS, LANDED = 0, 1, 3, 4
+OFF, FORWARD, BACKWARD, STICKS, LANDED = range(5)
 """Some regimes of friction at a contact: while that is open, and as it begins."""
 
 

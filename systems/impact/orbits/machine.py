@@ -23,6 +23,7 @@ import numpy as np
 
 from dynkit.core.validation import Array
 from dynkit.orbits.newton import NoSolution
+from dynkit.systems.impact.elements.friction import FORWARD
 from dynkit.systems.impact.elements.laws import ImpactLaw
 
 if TYPE_CHECKING:
@@ -32,8 +33,8 @@ if TYPE_CHECKING:
 STEP = 1e-40
 """Size of imaginary parts: its square vanishes beside one."""
 
-_OF_GUARD = 5
-"""Numbers of a guard."""
+_OF_REGIME, _OF_GUARD = 4, 6
+"""Numbers of what a regime does, and of each of its guards."""
 
 _AGREEMENT = 1e-12
 _DIFFERENCE = 1e-3
@@ -59,9 +60,9 @@ def _numbers(element: Element) -> Array:
     law = getattr(element, "restitution", 0.0)
     own.append(0.0 if isinstance(law, ImpactLaw) else law)
     for regime in element.regimes:
-        own += [regime.push, regime.stiffness, regime.damping]
+        own += [regime.push, regime.stiffness, regime.damping, regime.traction]
         for w in regime.guards:
-            own += [w.gap, w.rate, w.force, w.stretch, w.level]
+            own += [w.gap, w.rate, w.force, w.stretch, w.level, w.normal]
     return np.array([*own, *_law_numbers(element).values()], dtype=float)
 
 
@@ -75,10 +76,15 @@ def change_of(numbers: Callable[[float], Array], value: float) -> tuple[Array, b
     """Derivative of numbers by a parameter, and whether they are linear in it.
 
     Of what is linear differences are exact, whatever the step; steps towards zero stay in the range
-    of a parameter that has a bound. Else it is from differences of fourth order.
+    of a parameter that has a bound, and else those away from it. What is not linear is from
+    differences of fourth order.
     """
     step = -0.25 * np.copysign(2.0 ** np.floor(np.log2(abs(value))), value) if value else 0.25
-    here, near, far = (numbers(value + k * step) for k in (0.0, 1.0, 2.0))
+    try:
+        here, near, far = (numbers(value + k * step) for k in (0.0, 1.0, 2.0))
+    except NoSolution:
+        step = -step
+        here, near, far = (numbers(value + k * step) for k in (0.0, 1.0, 2.0))
     if not len(here) == len(near) == len(far):
         raise NoSolution("what an element does changes there")
     first, second = (near - here) / step, (far - near) / step
@@ -137,7 +143,7 @@ class Numbers(NamedTuple):
 
 
 def _count(element: Element) -> int:
-    regimes = sum(3 + _OF_GUARD * len(regime.guards) for regime in element.regimes)
+    regimes = sum(_OF_REGIME + _OF_GUARD * len(regime.guards) for regime in element.regimes)
     return 5 + regimes + len(_law_numbers(element))
 
 
@@ -207,6 +213,10 @@ class Regimes(NamedTuple):
     watched: tuple[tuple[int, int], ...] = ()
 
 
+Rubs = tuple[tuple[int, int], ...]
+"""Friction at an impact, and the sign of its slip; 0 where the impact takes all of that."""
+
+
 @final
 class Machine:
     """An oscillator with imaginary changes of its numbers; without them all of it is real.
@@ -227,9 +237,14 @@ class Machine:
             numbers = numbers + 1j * STEP * change[: len(numbers)]
         self.frequency, forces, matrices, self._own, _ = Numbers.split(oscillator, numbers)
         self.mass, self.damping, self.stiffness = matrices
-        self.sliders = oscillator._automaton.sliders
+        self.sliders, self.normal = (
+            oscillator._automaton.sliders,
+            oscillator._automaton.parts.normal,
+        )
         beside = np.zeros((self.size, len(self.sliders)))
         self._given: Any = np.hstack([-self.stiffness, -self.damping, beside, forces.T])
+        sizes = [[_OF_REGIME + _OF_GUARD * len(r.guards) for r in e.regimes] for e in self.elements]
+        self._begins = [np.cumsum([5, *own]).tolist() for own in sizes]
         self._modes: dict[Regimes, tuple[Any, Any]] = {}
 
     def closed(self, element: int) -> Regimes:
@@ -301,13 +316,15 @@ class Machine:
 
     def watched(self, mode: Regimes, element: int, guard: int) -> Any:
         """Row of what the element watches there: guard number `guard` of its regime."""
-        own = self._regime(mode.numbers[element], element)[3 + _OF_GUARD * guard :][:_OF_GUARD]
-        gap, rate, force, stretch, level = own
+        own = self._regime(mode.numbers[element], element)[_OF_REGIME + _OF_GUARD * guard :]
+        gap, rate, force, stretch, level, normal = own[:_OF_GUARD]
         row = gap * self.gap(element) + rate * self.rate(element)
         if element in self.sliders:
             row = row + stretch * self.stretch(element)
         if element in mode.held:
             row = row + force * self.force(mode, element)
+            if element in self.normal:
+                row = row + normal * self.force(mode, self.normal[element])
         row[-1] += level
         return row
 
@@ -316,8 +333,15 @@ class Machine:
         own = self._mode(mode)[1][mode.held.index(element)]
         return self.elements[element].sign * own
 
-    def kick(self, mode: Regimes, element: int) -> Any:
-        """(D,) change by an impulse that changes the rate of the gap by one."""
+    def kick(self, mode: Regimes, element: int, rubs: Rubs = ()) -> Any:
+        """(D,) change by an impulse that changes the rate of the gap by one, with friction."""
+        out, over = self._pushed(mode, element)
+        for k, way in rubs:
+            out = out - way * self.coefficient(k) * self._pushed(mode, k)[0]
+        return out / over
+
+    def _pushed(self, mode: Regimes, element: int) -> tuple[Any, Any]:
+        """(D,) change by a unit impulse, what holds held, and that of the rate of the gap."""
         n, rows, own = self.size, self._rows(mode.held), self.elements[element].row(self.size)
         response = np.linalg.solve(self.mass, np.vstack([own, rows]).T)
         out = response[:, 0]
@@ -325,8 +349,25 @@ class Machine:
             ties = np.linalg.solve(rows @ response[:, 1:], rows @ out)
             out = out - response[:, 1:] @ ties
         whole = np.zeros_like(self._given[0])
-        whole[n : 2 * n] = self.elements[element].sign * out / (own @ out)
-        return whole
+        whole[n : 2 * n] = self.elements[element].sign * out
+        return whole, own @ out
+
+    def coefficient(self, element: int) -> Any:
+        """Kinetic coefficient of friction at a contact."""
+        return -self._regime(FORWARD, element)[3]
+
+    def takes(self, mode: Regimes, element: int) -> Any:
+        """Most that an impact takes from a slip velocity, over the change of the gap's rate."""
+        own, over = (self._pushed(mode, k)[1] for k in (element, self.normal[element]))
+        return self.coefficient(element) * own / over
+
+    def stopped(self, mode: Regimes, rubs: Rubs) -> Any:
+        """(D, D): slip velocities that an impact takes are lost."""
+        out: Any = np.eye(len(self._given[0]))
+        for k, way in rubs:
+            if not way:
+                out = out - np.outer(self.kick(mode, k), self.rate(k))
+        return out
 
     def shift(self, element: int) -> Any:
         """(D,) change of positions that opens the gap by one."""
@@ -338,18 +379,29 @@ class Machine:
         """(D, D): positions are moved so that the gap is zero."""
         return np.eye(len(self._given[0])) - np.outer(self.shift(element), self.gap(element))
 
+    def laid(self, elements: Sequence[int]) -> Any:
+        """(D, D): positions and velocities are moved so that some gaps, and rates, are zero."""
+        n, rows = self.size, self._rows(tuple(elements))
+        away, out = np.linalg.pinv(rows), np.eye(len(self._given[0]))
+        for begin, own in ((0, self.gap), (n, self.rate)):
+            gaps = np.array([self.elements[k].sign * own(k) for k in elements])
+            out = out.astype(np.result_type(out, gaps))
+            out[begin : begin + n] -= away @ gaps
+        return out
+
     def caught(self, mode: Regimes, after: Regimes) -> Any:
         """(D, D): of what holds or sticks after an event, and not before, rates are lost.
 
-        By impulses along all that then holds. What then slides is where its spring bears it.
+        By impulses along all that then holds, with friction that then slips. What then slides is
+        where its spring bears it.
         """
         out: Any = np.eye(len(self._given[0]))
         if set(after.held) - set(mode.held):
             n, rows = self.size, self._rows(after.held)
             signs = [self.elements[k].sign for k in after.held]
             rates = np.array([self.rate(k) for k in after.held]) * np.array(signs)[:, None]
-            response = np.linalg.solve(self.mass, rows.T)
-            out = out.astype(rates.dtype)
+            response = np.linalg.solve(self.mass, self._pushes(after))
+            out = out.astype(np.result_type(rates, response))
             out[n : 2 * n] -= response @ np.linalg.solve(rows @ response, rates)
         for k, place in self.sliders.items():
             push = self._regime(after.numbers[k], k)[0]
@@ -369,14 +421,14 @@ class Machine:
     def _built(self, mode: Regimes) -> tuple[Any, Any]:
         n, w, given = self.size, self.frequency, self._given.copy()
         for k, element in enumerate(self.elements):
-            push, stiffness, damping = self._regime(mode.numbers[k], k)[:3]
+            push, stiffness, damping, _ = self._regime(mode.numbers[k], k)[:_OF_REGIME]
             if push or stiffness or damping:
                 along = self.stretch(k) if k in self.sliders else self.gap(k)
                 force: Any = -stiffness * along - damping * self.rate(k)
                 force[-1] += push
                 given += element.sign * np.outer(element.row(n), force)
         rows = self._rows(mode.held)
-        both = np.linalg.solve(self.mass, np.hstack([given, rows.T]))
+        both = np.linalg.solve(self.mass, np.hstack([given, self._pushes(mode)]))
         d = len(given[0])
         accelerations, by_force = both[:, :d], both[:, d:]
         forces: Any = np.zeros((0, d))
@@ -399,9 +451,19 @@ class Machine:
 
     def _regime(self, number: int, element: int) -> Any:
         """Numbers of what an element does and watches in a regime."""
-        own = self.elements[element].regimes[:number]
-        begin = 5 + sum(3 + _OF_GUARD * len(regime.guards) for regime in own)
-        return self._own[element][begin:]
+        return self._own[element][self._begins[element][number] :]
+
+    def _pushes(self, mode: Regimes) -> Any:
+        """(N, h) what unit forces along what is held do, with the friction that they cause."""
+        out: Any = self._rows(mode.held).T
+        for k, stop in self.normal.items():
+            traction = self._regime(mode.numbers[k], k)[3]
+            if traction and stop in mode.held:
+                own, at = self.elements[k], mode.held.index(stop)
+                along = own.sign * self.elements[stop].sign * own.row(self.size)
+                out = out.astype(np.result_type(out, traction))
+                out[:, at] += traction * along
+        return out
 
     def _rows(self, held: tuple[int, ...]) -> Array:
         rows = [self.elements[k].row(self.size) for k in held]

@@ -67,9 +67,9 @@ class ImpactOrbit(KeptSolution, PeriodicOrbit):
 
     Orbits come from `ImpactOscillator.periodic_orbit`, from an attractor or from a branch. The
     states of P(n,m) are those just after its impacts. The states of P(inf,m) are those at its
-    releases, where relative velocity and contact force are zero. Without a hard stop the states are
-    those at the begin of each period of the forcing; for the cycle of an undriven machine they are
-    those just after its events, with phases from the first one on.
+    releases, where relative velocity and contact force are zero. Where nothing impacts the states
+    are positions and velocities at the begin of each period of the forcing; for the cycle of an
+    undriven machine they are those just after its events, with phases from the first one on.
 
     The unknowns of P(n,m) are phases and impulses, (2n,). Where some motion has no restoring force,
     and for a machine with other elements than hard stops, they are the phases of the events, the
@@ -241,13 +241,13 @@ class ImpactOrbit(KeptSolution, PeriodicOrbit):
     def observable(self, name: str) -> Array:
         """Return ``relative_velocity``, ``phase`` or ``time`` at the impacts, (n,).
 
-        Without a hard stop the coordinates ``state[0]`` and so on at the states.
+        Without impacts the coordinates ``state[0]`` and so on at the states.
         """
         return self._observables[one_of("name", name, self._observables)]
 
     @property
     def _observables(self) -> Mapping[str, Array]:
-        if self.system._strobed:
+        if not len(self._solution.impulses):
             return self.system.coordinates(self.states)
         phases = np.asarray(self._solution.impact_phases % TWO_PI)
         speeds = np.asarray(self.relative_velocity)

@@ -58,10 +58,13 @@ def trajectory_of(
     noise: float = 0.0,
     seed: int = 1,
     most_cells: int = MOST_CELLS,
+    most_switches: int = MOST_SWITCHES,
 ) -> Trajectory:
     """Simulate `count` impacts from a state of this oscillator; see `Course`."""
     began = time.perf_counter()
     course = course_from(oscillator, start, noise=noise, seed=seed, most_cells=most_cells)
+    if isinstance(course, Course):
+        course.most_switches = most_switches
     log = course.advance(count, store=store)
     return course.trajectory(log, time.perf_counter() - began)
 
@@ -98,7 +101,11 @@ class Course:
         Number of impacts so far.
     ending : Ending
         Why the simulation ended.
+    most_switches : int
+        About so many switches without an impact end it, with `Ending.SEARCH_LIMIT`.
     """
+
+    most_switches = MOST_SWITCHES
 
     def __init__(
         self,
@@ -229,7 +236,7 @@ class Course:
         """Whether the limit on switches since the last impact is exceeded."""
         clock_kernels, before = _kernels()[0], self._switches.before
         count, impacts = self._clock[[clock_kernels.SWITCHES, clock_kernels.IMPACTS]].astype(int)
-        return bool(count > MOST_SWITCHES and before[count - MOST_SWITCHES] == impacts)
+        return bool(count > self.most_switches and before[count - self.most_switches] == impacts)
 
     def _refuse_law(self) -> None:
         """ValueError where the law of a stop gives no restitution in [0, 1]."""
@@ -244,6 +251,8 @@ class Course:
         velocity u decay exponentially, while each crossing takes 2 u/a.
         """
         count, few = int(self._clock[_kernels()[0].SWITCHES]), MOST_SWITCHES // 64
+        if count < few:  # a run that was to be short
+            return False
         times, guard = self._switches.time[:count], self._switches.guard[count - 1]
         last = self._oscillator._elements[self._oscillator._automaton.table[guard, 1]]
         turns = (times[-1] - times[-few]) * self._oscillator.frequency / TWO_PI

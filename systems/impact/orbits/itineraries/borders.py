@@ -13,6 +13,7 @@ from dynkit.orbits.equations import Problem
 from dynkit.orbits.kinds import BifurcationKind
 from dynkit.orbits.newton import NoSolution
 from dynkit.systems.impact.elements.element import HALT, IMPACT, Element
+from dynkit.systems.impact.elements.friction import BACKWARD, FORWARD, STICKS
 from dynkit.systems.impact.elements.laws import ImpactLaw
 from dynkit.systems.impact.elements.stops import HardStop
 from dynkit.systems.impact.orbits.borders import (
@@ -26,6 +27,7 @@ from dynkit.systems.impact.orbits.flights import Curve
 from dynkit.systems.impact.orbits.itineraries.itinerary import Happening, Itinerary, regimes_of
 from dynkit.systems.impact.orbits.itineraries.shooting import ShootingSolution
 from dynkit.systems.impact.orbits.machine import Regimes
+from dynkit.systems.impact.orbits.solution import SAME
 
 if TYPE_CHECKING:
     from dynkit.systems.impact.orbits.itineraries.motion import ItinerarySolution
@@ -48,6 +50,10 @@ def borders_of(problem: Any, s: ItinerarySolution) -> Iterator[Border]:
             part, piece = s.course.node_before(i) if sticks else k, itinerary[i].piece
             for jump in range(max(piece - 1, 0), min(piece + 1, len(law.breaks))):
                 yield LawJump(problem, part, k, jump)
+    for k, i in enumerate(s.hits):
+        part = s.course.node_before(i) if sticks else k
+        for number in range(len(itinerary[i].rubs)):
+            yield StickAtImpact(problem, part, k, number)
     for i in range(n):
         # impacts of one stop pass one another; those of stops that face each other never meet
         one, other = itinerary[i].element, itinerary[(i + 1) % n].element
@@ -91,8 +97,55 @@ class LawJump(Border):
         return [self.value(solution) / self.problem.units(solution)[1]]
 
 
+@final
+class StickAtImpact(Border):
+    """An impact takes all of a slip velocity, and no more: of friction number `side` at its stop.
+
+    Beyond, the orbit with the same outcome is no motion.
+    """
+
+    kind, ends = BifurcationKind.GR, False
+    problem: Any
+
+    def value(self, solution: Any) -> float:
+        i, k = solution.hits[self.number], self.number
+        event, machine = solution.itinerary[i], solution.machine
+        friction, way = event.rubs[self.side]
+        slip = float(machine.rate(friction) @ solution.before[i])
+        taken = float(machine.takes(event.kicked, friction) * solution.impulses[k])
+        return way * slip - taken if way else taken - abs(slip)
+
+    def left(self, solution: Any, own: Array) -> Any:  # noqa: ARG002
+        return [self.value(solution) / self.problem.units(solution)[1]]
+
+    def place(self, solution: Any, own: Array) -> tuple[float, int]:  # noqa: ARG002
+        event = solution.itinerary[solution.hits[self.number]]
+        return float(solution.impact_phases[self.number]), event.rubs[self.side][0]
+
+    def neighbour(self, x: Array, p: Array) -> tuple[Problem, Array] | None:
+        s = self.problem.at(x, p)
+        i = s.hits[self.number]
+        rubs = list(s.itinerary[i].rubs)
+        friction, way = rubs[self.side]
+        slip = float(s.machine.rate(friction) @ s.before[i])
+        rubs[self.side] = friction, 0 if way else int(math.copysign(1.0, slip))
+        events = list(s.itinerary)
+        events[i] = events[i]._replace(rubs=tuple(rubs))
+        problem, after = self.problem.remade(itinerary=tuple(events)), s.following[i]
+        found: tuple[Problem, Array] | None = (problem, x)
+        if way and after.element == friction and abs(s.durations[i]) <= SAME * s.period:
+            found = problem.without(x, p, [(i + 1) % s.events])  # it halts at once
+        elif not way and after.mode.numbers[friction] == STICKS:
+            numbers = list(after.mode.numbers)
+            numbers[friction] = FORWARD if slip > 0.0 else BACKWARD
+            slips = regimes_of(s.oscillator, numbers)
+            phase = float(s.event_phases[i])
+            found = problem.with_events(x, p, i, phase, [Happening(slips, friction, 0)])
+        return found
+
+
 _ZERO = 16.0
-"""Roundings of a curve: one that begins with less begins at zero."""
+"""Roundings of a curve, or of what it is measured in: one that begins with less begins at zero."""
 
 
 class Begun(NamedTuple):
@@ -113,10 +166,12 @@ def beginnings(system: Any, itinerary: Itinerary) -> list[Begun]:
     found = []
     for i, event in enumerate(itinerary):
         k, after = event.element, itinerary[(i + 1) % len(itinerary)].mode
+        landed = [j for j, stop in system._automaton.parts.normal.items() if stop == k]
+        begins = [j for j in ([] if event.chatters else [k]) + landed if j in after.held]
         found += [
-            Begun(i, after, k, guard, 1.0)
+            Begun(i, after, element, guard, 1.0)
             for element, guard in after.watched
-            if element == k and k in after.held and k not in event.mode.held and not event.chatters
+            if element in begins and element not in event.mode.held
         ]
         regimes = system._elements[k].regimes
         watch = regimes[event.mode.numbers[k]].guards[event.guard]
@@ -186,14 +241,14 @@ class Beginning(Border):
     def value(self, solution: ItinerarySolution) -> float:
         assert isinstance(solution, ShootingSolution)
         event, mode, element, guard, sign = self.begun
-        value, row = solution.watch(mode, element, guard, solution.after[event])
+        value, row = solution.watch(mode, element, guard, solution.begun(event))
         return float(sign * value / (abs(row) @ solution.measures))
 
     def left(self, solution: Any, own: Array) -> Any:  # noqa: ARG002
         return [self.value(solution)]
 
     def place(self, solution: Any, own: Array) -> tuple[float, int]:  # noqa: ARG002
-        return float(solution.event_phases[self.part]), self.side
+        return solution.begins(self.part), self.side
 
     def name(self, solution: ItinerarySolution) -> str:  # noqa: ARG002
         """What happens, in the field's words."""
@@ -313,10 +368,13 @@ class TouchingGuard(Touching):
         if event.element == self.side and self.part in solution.course.releases:
             return curve.seen  # it begins with three zeros, and opens
         begin, rate, bend = curve.nodes[1][:, 0].tolist()
-        slow = abs(rate) * curve.lasts <= _ZERO * curve.rounding
-        if abs(begin) <= _ZERO * curve.rounding and (bend if slow else rate) < 0.0:
+        least = _ZERO * max(curve.rounding, 2.0**-52 * float(self.measures(solution)[0]))
+        if abs(begin) > least:
+            return curve.seen
+        slow = abs(rate) * curve.lasts <= least
+        if (bend if slow else rate) < 0.0:
             return math.nan  # what begins so is watched where it begins
-        return curve.seen
+        return curve.seen if abs(curve.seen) > least else math.inf
 
     def place(self, solution: Any, own: Array) -> tuple[float, int]:  # noqa: ARG002
         return float(own[0]), self.side
@@ -368,4 +426,6 @@ def named(border: Border, solution: ItinerarySolution) -> str:
     """What happens where a border is met."""
     if isinstance(border, Beginning | VanishingInterval | TouchingGuard):
         return border.name(solution)
+    if isinstance(border, StickAtImpact):
+        return "stick at impact"
     return "jump of the law" if isinstance(border, LawJump) else "grazing"

@@ -8,13 +8,14 @@ from functools import cached_property
 from typing import Any, final
 
 import numpy as np
+from numpy.typing import NDArray
 
 from dynkit.core.no_motion import NoMotion
 from dynkit.core.validation import Array
 from dynkit.orbits.newton import NoSolution
 from dynkit.systems.impact.elements.element import EventKind
 from dynkit.systems.impact.orbits.itineraries.flying import Flights
-from dynkit.systems.impact.orbits.itineraries.itinerary import Happening
+from dynkit.systems.impact.orbits.itineraries.itinerary import Happening, way
 from dynkit.systems.impact.orbits.machine import STEP, Machine, Regimes
 from dynkit.systems.impact.simulation.state import Motion, beside, state_at
 from dynkit.systems.impact.simulation.trajectory import Trajectory, grouped
@@ -80,6 +81,7 @@ class Chatter:
             event.kicked,
             held,
         )
+        self._rub = [k for k, _ in event.rubs]
         self._start, self._rebounds = state, machine.restitution(event.element) > 0.0
         n, speed = machine.size, self._rebounds * float(machine.rate(self.element) @ state)
         if not (speed >= 0.0 and np.isfinite(state).all()):
@@ -184,22 +186,46 @@ class Chatter:
         impact happens: rows (n, D), and (n,).
         """
         k = self.element
-        gap, by_rate, push = m.gap(k), m.rate(k), (1.0 + m.restitution(k)) * m.kick(self.flying, k)
+        row, gap_changed = m.gap(k).real, m.gap(k).imag / STEP
         rates = -self.run.log.speed / float(m.restitution(k).real)
-        before = self._after + np.outer(rates, push.real)
         since = np.concatenate([self._start[None], self._after[:-1]])
         flown, added = flights.lifted(since, np.diff(self.run.time, prepend=0.0))
-        row, gap_changed, rate_changed = gap.real, gap.imag / STEP, by_rate.imag / STEP
-        back = m.shift(k) - push.real * float(by_rate.real @ m.shift(k))
-        put = np.eye(len(row)) - np.outer(back, row) - np.outer(push.real, by_rate.real)
-        moving = flights.rates(before) @ put.T
         delays = -(row @ flown) / rates[:, None]
-        steps = put + put @ flown + moving[:, :, None] * delays[:, None, :]
         moved = (flown @ since[:, :, None])[..., 0]
         delay = -(added @ row + moved @ gap_changed) / rates
-        more = added @ put.T + moving * delay[:, None]
-        more -= np.outer(before @ gap_changed, back) + np.outer(before @ rate_changed, push.real)
-        return steps, more - np.outer(rates, push.imag / STEP), delays, delay
+        steps, more = np.empty_like(flown), np.empty_like(added)
+        ways = self._ways(m, since + moved, rates)
+        for own in set(map(tuple, ways.tolist())):
+            i = (ways == own).all(axis=1)
+            rubs = tuple(zip(self._rub, own, strict=True))
+            push = (1.0 + m.restitution(k)) * m.kick(self.flying, k, rubs)
+            stop = m.stopped(self.flying, rubs)
+            landed = self._after[i] + np.outer(rates[i], push.real)
+            if 0 in own:  # what the impact took is not in the state after it
+                landed = since[i] + moved[i]
+            through = stop.real @ (np.eye(len(row)) - np.outer(push.real, m.rate(k).real))
+            back = through @ m.shift(k)
+            put = through - np.outer(back, row)
+            moving = flights.rates(landed) @ put.T
+            steps[i] = put + put @ flown[i] + moving[:, :, None] * delays[i, None, :]
+            changed = np.outer(landed @ (m.rate(k).imag / STEP), push.real)
+            changed += np.outer(rates[i], push.imag / STEP)
+            changed = (landed - np.outer(rates[i], push.real)) @ (stop.imag / STEP).T - (
+                changed @ stop.real.T
+            )
+            more[i] = added[i] @ put.T + moving * delay[i, None] + changed
+            more[i] -= np.outer(landed @ gap_changed, back)
+        return steps, more, delays, delay
+
+    def _ways(self, m: Machine, before: Array, rates: Array) -> NDArray[np.intp]:
+        """Signs (n, f) of slip at the impacts: see `Rubs`."""
+        jumps = -(1.0 + float(m.restitution(self.element).real)) * rates
+        found = []
+        for k in self._rub:
+            slips = (before @ m.rate(k).real).tolist()
+            taken = (m.takes(self.flying, k).real * jumps).tolist()
+            found.append([way(*pair) for pair in zip(slips, taken, strict=True)])
+        return np.array(found, dtype=np.intp).reshape(len(self._rub), len(rates)).T
 
 
 def _states(run: Trajectory, count: int) -> Array:

@@ -22,7 +22,7 @@ from dynkit.systems.impact.orbits.itineraries.itinerary import (
     of_period,
     regimes_of,
 )
-from dynkit.systems.impact.orbits.itineraries.simulated import simulated
+from dynkit.systems.impact.orbits.itineraries.simulated import run_for, simulated
 from dynkit.systems.impact.orbits.machine import Machine
 from dynkit.systems.impact.orbits.orbit import NONE, ImpactOrbit
 from dynkit.systems.impact.simulation.sampling import sample_run
@@ -45,7 +45,7 @@ _SINGULAR = 1e-13
 """Ratio of singular values of the equations' derivative: where it is less, it is rounding."""
 _SAMPLES, _TRANSIENT = 64, 700
 _CYCLE = 256
-"""Periods of the forcing, or impacts, within which a cycle that nothing drives comes again."""
+"""Periods of the forcing, impacts, or switches, within which a cycle comes again."""
 
 
 def orbit_from(system: ImpactMap, periods: object, start: ImpactState | None) -> ImpactOrbit:
@@ -79,7 +79,7 @@ def orbit_near(system: ImpactMap, state: ImpactState, periods: int) -> ImpactOrb
         if any(event.chatters for event in seen.events):
             seen = _of_contact(whole, length, TWO_PI / system.frequency)
     else:
-        run = system._run(state, _CYCLE, store=True)
+        run = system._run(state, _CYCLE, store=True, most_switches=_CYCLE)
         seen, length = of_cycle(events_seen(system, run))
         periods = 1
     if not len(seen.events):
@@ -141,9 +141,7 @@ def guess_of(
 
 def _sizes(system: ImpactMap, state: ImpactState, seen: Seen, length: float) -> list[float]:
     """Largest position and velocity, of motions that do not stand still."""
-    run = system._run(state, 1, store=True)
-    while run.duration < length and run.impacts:
-        run = system._run(state, 2 * run.impacts, store=True)
+    run = run_for(system, state, length)
     return sizes_of(system, run, seen, 0.0, min(length, run.duration))
 
 

@@ -15,7 +15,7 @@ from dynkit.systems.impact.elements.element import HALT, JUMP, Element, EventKin
 from dynkit.systems.impact.elements.laws import ImpactLaw
 from dynkit.systems.impact.elements.stops import HardStop
 from dynkit.systems.impact.orbits.itineraries.flying import flights_of, number_of
-from dynkit.systems.impact.orbits.machine import Machine, Regimes
+from dynkit.systems.impact.orbits.machine import Machine, Regimes, Rubs
 from dynkit.systems.impact.records.event_counts import element_names
 from dynkit.systems.impact.simulation.automaton import cycled_by, halts
 from dynkit.systems.impact.simulation.trajectory import Trajectory
@@ -49,6 +49,8 @@ class Happening(NamedTuple):
         not events of the itinerary.
     piece : int
         Of an impact the number of the smooth piece of its law: see `ImpactLaw.piece`.
+    rubs : tuple
+        Of an impact the friction that leans on the stop: see `Rubs`.
     """
 
     mode: Regimes
@@ -57,6 +59,7 @@ class Happening(NamedTuple):
     kicked: Regimes | None = None
     chatters: bool = False
     piece: int = 0
+    rubs: Rubs = ()
 
 
 Itinerary = tuple[Happening, ...]
@@ -130,11 +133,8 @@ class Seen(NamedTuple):
 
 
 def unknown_element(oscillator: ImpactMap) -> Element | None:
-    """The first element with a normal, or along a function, which these equations do not know."""
-    for element in oscillator._elements:
-        if element.leans_on or element.curved:
-            return element
-    return None
+    """The first element along a function, which these equations do not know."""
+    return next((element for element in oscillator._elements if element.curved), None)
 
 
 def has_law(oscillator: ImpactMap) -> bool:
@@ -147,7 +147,7 @@ def check_elements(oscillator: ImpactMap) -> None:
     element = unknown_element(oscillator)
     if element is not None:
         raise NotImplementedError(
-            f"orbits by itinerary know no friction with a coefficient; got {element!r}: "
+            f"orbits by itinerary know no stop along a function; got {element!r}: "
             "dynkit.periodic_orbit finds orbits of the map"
         )
 
@@ -171,14 +171,16 @@ def regimes_of(oscillator: ImpactMap, numbers: Sequence[int]) -> Regimes:
     now, watched = parts.now(numbers), []
     for guard in automaton.guards:
         k = guard.element
-        rests = now[k].guards[0].event == HALT and numbers[k] == 0
+        rests = now[k].halts and numbers[k] == 0
         if automaton.modes[guard.mode] is mode and guard.watch.event != JUMP and not rests:
             watched.append((k, number_of(now[k].guards, guard.watch)))
     return Regimes(tuple(numbers), tuple(sorted(sum(parts.grips(numbers), ()))), tuple(watched))
 
 
-def events_seen(oscillator: ImpactMap, run: Trajectory, named: bool = True) -> Seen:
-    """The events of a motion that end modes; what only follows at once is left out.
+def events_seen(
+    oscillator: ImpactMap, run: Trajectory, named: bool = True, until: float = math.inf
+) -> Seen:
+    """The events of a motion up to a time that end modes; what only follows at once is left out.
 
     Impacts of a chatter before contact are left out but for the first ones, between which the
     motion is not smooth: see `Happening.chatters`. Where all are to be named, contact is an event.
@@ -212,6 +214,8 @@ def events_seen(oscillator: ImpactMap, run: Trajectory, named: bool = True) -> S
         if (hit and oscillator._strobed) or parts.begin[k] <= at_once:
             continue  # a period begins, or the motion, in the regimes that its start is in
         begin, before = float(parts.begin[k]), int(parts.mode[k - 1])
+        if begin > until:
+            break
         guard = automaton.guards[parts.guard[k]]
         law: Any = getattr(oscillator._elements[guard.element], "restitution", None)
         if parts.kind[k] == EventKind.CONTACT:
@@ -249,13 +253,41 @@ def events_seen(oscillator: ImpactMap, run: Trajectory, named: bool = True) -> S
             mode = kicked or mode
         now.add(guard.element)
         times.append(begin)
-        piece = 0
-        if hit and isinstance(law, ImpactLaw):
-            piece = law.piece(-float(machine.rate(guard.element) @ z))
-        events.append(Happening(mode, guard.element, number, kicked, piece=piece))
+        found = Happening(mode, guard.element, number, kicked)
+        events.append(_outcome(machine, found, guard, z) if kicked else found)
         states.append(z[:-3])
     shape = len(times), machine.size + oscillator._size
     return Seen(np.array(times), tuple(events), np.array(states).reshape(shape))
+
+
+def _outcome(machine: Machine, event: Happening, guard: Any, z: Array) -> Happening:
+    """An impact with the piece of its law, and its friction, from the state (D,) just before.
+
+    Raises
+    ------
+    NoConvergence
+        When masses leave open what friction does.
+    """
+    stop, mode = guard.element, event.kicked
+    approach = -float(machine.rate(stop) @ z)
+    law: Any = machine.elements[stop].restitution
+    if isinstance(law, ImpactLaw):
+        return event._replace(piece=law.piece(approach))
+    if mode is None or stop not in machine.normal.values():
+        return event
+    if guard.ambiguous:
+        raise NoConvergence(
+            "no periodic orbit found: masses leave open what friction does at an impact; got "
+            f"{machine.elements[stop]!r}"
+        )
+    jump = (1.0 + machine.restitution(stop)) * approach
+    slips = [(part.element, float(machine.rate(part.element) @ z)) for part in guard.scrapes]
+    return event._replace(rubs=tuple((k, way(w, machine.takes(mode, k) * jump)) for k, w in slips))
+
+
+def way(slip: float, taken: float) -> int:
+    """Sign of a slip velocity of which an impact takes so much at most; 0 where that is all."""
+    return 0 if abs(slip) <= taken else int(math.copysign(1.0, slip))
 
 
 def _name(
@@ -278,7 +310,8 @@ def _name(
     phases = run.start.phase + run.start._system.frequency * np.array(times[begin:])
     turn = np.stack([np.sin(phases), np.cos(phases), np.ones_like(phases)], axis=1)
     z = np.concatenate([np.array(states[begin:]), turn], axis=1)
-    z -= (1.0 + machine.restitution(k)) * np.outer(z @ machine.rate(k), machine.kick(last.mode, k))
+    push = (1.0 + machine.restitution(k)) * machine.kick(last.mode, k, last.rubs)
+    z = (z - np.outer(z @ machine.rate(k), push)) @ machine.stopped(last.mode, last.rubs).T
     moving = flights_of(run.start._system, machine, last.mode)
     pressing = -moving.rates(z) @ machine.rate(k)
     flights, change = np.diff(times[begin:]), abs(np.diff(pressing))
@@ -374,8 +407,8 @@ def counts_of(oscillator: ImpactMap, itinerary: Itinerary) -> dict[str, float]:
 
 def returns_of(oscillator: ImpactMap, itinerary: Itinerary) -> int:
     """Number of returns to the section of a machine that nothing drives: impacts, or its events."""
-    if not oscillator._strobed:
-        return sum(event.kicked is not None for event in itinerary)
+    if hits := sum(event.kicked is not None for event in itinerary):
+        return hits
     k = cycled_by(oscillator._elements)
     if k is None:
         return 1

@@ -8,7 +8,6 @@ from typing import Any, final
 import numpy as np
 
 from dynkit.core.validation import Array
-from dynkit.orbits.newton import NoSolution
 from dynkit.systems.impact.orbits.flights import Curve
 from dynkit.systems.impact.orbits.itineraries.chatter import Chatter
 from dynkit.systems.impact.orbits.itineraries.flying import LinearFlights
@@ -34,21 +33,28 @@ class LinearSolution(ShootingSolution):
     def kicks(self) -> Any:
         none = np.zeros(self.dimension + 3)
         kicks = [
-            self.machine.kick(e.kicked, e.element) if e.kicked else none for e in self.itinerary
+            self.machine.kick(e.kicked, e.element, e.rubs) if e.kicked else none
+            for e in self.itinerary
         ]
         return np.array(kicks)
 
     @cached_property
     def resets(self) -> Any:
-        pairs = zip(self.itinerary, self.following, strict=True)
-        return np.array(
-            [
-                self.machine.put_on(event.element)
-                if event.chatters
-                else self.machine.caught(event.mode, after.mode)
-                for event, after in pairs
-            ]
-        )
+        m, out = self.machine, []
+        for event, after in zip(self.itinerary, self.following, strict=True):
+            own = m.put_on(event.element) if event.chatters else m.caught(event.mode, after.mode)
+            if event.kicked and event.rubs:
+                own = own @ m.stopped(event.kicked, event.rubs)
+            out.append(own)
+        for i in self.course.nodes if self._closed else ():
+            out[i] = out[i] @ m.laid(self._closed)
+        return np.array(out)
+
+    @property
+    def _closed(self) -> list[int]:
+        """Stops that never open: their gaps, and the rates of these, are put to zero at nodes."""
+        held = set(self.itinerary[0].mode.held).intersection(*(e.mode.held for e in self.itinerary))
+        return sorted(k for k in held if k < len(self.oscillator._stops))
 
     @cached_property
     def flows(self) -> Any:
@@ -67,8 +73,6 @@ class LinearSolution(ShootingSolution):
     @cached_property
     def _way(self) -> tuple[Any, Any, Any, Any, dict[int, Chatter]]:
         n, d = self.events, self.dimension
-        if self.course.sticks and not (self.durations.real > 0.0).all():
-            raise NoSolution("events must come one after the other")
         lasts = np.array(self.durations)
         lasts[[event.chatters for event in self.itinerary]] = 0.0
         flown, chatters = moved(self.flows, lasts, self.measures), {}

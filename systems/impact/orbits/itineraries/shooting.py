@@ -120,7 +120,7 @@ class ShootingSolution(ItinerarySolution):
         flights = self.flights(event.kicked), self.flights(held)
         own = event, flights, held, state, float(abs(self.impulses).max())
         found = Chatter(self.oscillator, self.machine, *own)
-        if self.durations[i] < found.lasts:
+        if found.run.impacts and self.durations[i] < found.lasts:
             raise NoSolution("the chatter must be complete before the next event")
         return found
 
@@ -409,6 +409,10 @@ class ShootingSolution(ItinerarySolution):
         return out
 
     # --- what is watched --------------------------------------------------------------------------
+
+    def begun(self, i: int) -> Array:
+        """The state (D,) with which the mode after event number `i` begins, after its chatter."""
+        return self.chatters[i].begin if i in self.chatters else np.asarray(self.after[i])
 
     def begins(self, i: int) -> float:
         late = self.clock * self.chatters[i].lasts if i in self.chatters else 0.0

@@ -10,20 +10,30 @@ from dynkit.core.no_motion import NoMotion
 from dynkit.systems.impact.orbits.itineraries.itinerary import Happening, Seen, events_seen
 from dynkit.systems.impact.orbits.solution import SAME
 from dynkit.systems.impact.simulation.state import TWO_PI, Motion, beside, state_at
+from dynkit.systems.impact.simulation.trajectory import Trajectory
 
 _MOST = 4096
 """Impacts within which a time passes."""
 
+_BETWEEN = 64
+"""Switches, for each of them, without an impact, within which it passes."""
+
 
 def simulated(system: Any, start: Any, length: float, named: bool = True, count: int = 4) -> Seen:
     """The events of a motion from a state on, for some time, of about so many impacts."""
-    while True:
-        run = system._run(start, count, store=True)
-        if run.duration > length or run.impacts < count or count > _MOST:
-            break
-        count *= 4
-    seen = events_seen(system, run, named)
+    seen = events_seen(system, run_for(system, start, length, count), named, length)
     return seen.part(0, int(np.searchsorted(seen.times, length)))
+
+
+def run_for(system: Any, start: Any, length: float, count: int = 4) -> Trajectory:
+    """A motion for some time at least, where it goes on, and within which it is not too busy."""
+    while True:
+        switches = _BETWEEN * count
+        run: Trajectory = system._run(start, count, store=True, most_switches=switches)
+        ended = run.impacts < count and len(run.switches.guard) <= switches
+        if run.duration > length or ended or count > _MOST:
+            return run
+        count *= 4
 
 
 def is_motion(s: Any) -> bool:
@@ -46,6 +56,10 @@ def _comes_again(s: Any) -> bool:
     since = float(times[i] + 0.5 * s.durations[i])
     (z,) = s.passed(np.array([since]))
     phase = float(s.event_phases[0]) + clock * since if s.driven else 0.0
+    closed = [k for k in s.following[i].mode.held if k < len(s.oscillator._stops)]
+    if closed:  # not off them by rounding
+        whole = np.append(z, [np.sin(phase), np.cos(phase), 1.0])
+        z = (s.machine.laid(closed) @ whole)[:-3]
     start = s.oscillator.state(z[:n], z[n : 2 * n], phase % TWO_PI, z[2 * n :])
     seen = simulated(s.oscillator, start, s.period)
     due = (times - since) % s.period
@@ -94,4 +108,5 @@ def _same(a: Happening, b: Happening) -> bool:
     """
     if a.mode.numbers != b.mode.numbers or bool(a.kicked) != bool(b.kicked):
         return False
-    return not a.kicked or (a.element, a.guard, a.piece) == (b.element, b.guard, b.piece)
+    own = [(e.element, e.guard, e.piece, e.rubs) for e in (a, b)]
+    return not a.kicked or own[0] == own[1]
