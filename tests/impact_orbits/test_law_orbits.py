@@ -1,5 +1,6 @@
 """Orbits and branches with impact laws: numbers as restitution, the map's orbits, differences."""
 
+from functools import cache
 from typing import Any
 
 import numpy as np
@@ -16,7 +17,8 @@ from dynkit.systems import (
     ViscoelasticSpheres,
 )
 from dynkit.testing import check_problem
-from tests.impact.own_laws import Constant, Hardening
+from tests.impact.own_laws import Constant, Hardening, Rooted
+from tests.impact_orbits.sticking_cases import differences
 
 LAWS = [PlasticBelow(0.01, 0.7), ViscoelasticSpheres(0.3), Hardening(0.5, 0.3), Constant(0.6)]
 
@@ -115,7 +117,99 @@ def test_a_branch_meets_the_jump_of_a_law_at_the_velocity_of_its_impact() -> Non
     assert branch.admissible[branch.parameter < approach * (1.0 - 1e-9)].all()
 
 
-def test_a_stop_with_a_law_is_not_stuck_to() -> None:
-    system = ImpactChain(frequency=0.408, restitution=PlasticBelow(0.05))
-    with pytest.raises(NotImplementedError, match="must not stick to a stop with an impact law"):
-        system.periodic_orbit(start=system.attractor().final)
+# --- orbits that stick ----------------------------------------------------------------------------
+
+
+def sticking(restitution: Any, frequency: float = 0.408) -> ImpactChain:
+    return ImpactChain(masses=2, frequency=frequency, damping=0.1, restitution=restitution)
+
+
+STICKING = {
+    "hardens": sticking(Hardening(0.3, 1.0)),
+    "plastic": sticking(PlasticBelow(0.05, 0.6)),
+    "elastic": sticking(ViscoelasticSpheres(1.2)),
+    "elastic, slower": sticking(Rooted(0.8, 0.15), 0.25),
+}
+
+
+@cache
+def sticking_orbit(name: str) -> Any:
+    return STICKING[name].attractor(transient=2000).periodic_orbit()
+
+
+def test_a_law_that_is_a_number_sticks_as_the_number() -> None:
+    law, number = (sticking(r).attractor().periodic_orbit() for r in (Constant(0.6), 0.6))
+    assert abs(law.states - number.states).max() <= law.error + number.error
+    assert abs(law.multipliers - number.multipliers).max() < 1e-13
+    by = [
+        orbit.problem(name).parameter_derivative(orbit.unknowns, np.array([0.6]))
+        for orbit, name in ((law, "restitution.value"), (number, "restitution"))
+    ]
+    assert by[0] == pytest.approx(by[1], rel=1e-9, abs=1e-9 * abs(by[1]).max())
+
+
+@pytest.mark.parametrize("name", STICKING)
+def test_simulation_from_the_release_comes_back_to_it(name: str) -> None:
+    orbit, system = sticking_orbit(name), STICKING[name]
+    assert orbit.sticks
+    assert orbit.admissible
+    label = system.attractor(transient=2000).label
+    assert orbit.counts == label.counts
+    (state,) = orbit.states
+    record = system.simulate(impacts=3000, start=system.impact_state(state))
+    there, back = record.sample([orbit.period]), orbit.sample([orbit.period])
+    apart = max(float(abs(a - b).max()) for a, b in zip(there, back, strict=True))
+    assert apart < 4.0 * (orbit.error + orbit.chatter_error + record.error.max()) < 1e-8
+
+
+@pytest.mark.parametrize("name", STICKING)
+def test_multipliers_are_those_of_differences_of_simulations(name: str) -> None:
+    """Of the map from places in contact a little before the release to those of a period later."""
+    orbit, system = sticking_orbit(name), STICKING[name]
+    (state,) = orbit.states
+    early, period = 0.05, orbit.period
+
+    def held(places: Any) -> Any:
+        start = np.concatenate([places, [0.0, state[-1] - early]])
+        record = system.simulate(impacts=3000, start=system.impact_state(start))
+        x, v = record.sample([period])
+        return np.concatenate([x[0, :1], v[0, :1]])
+
+    x, v = orbit.sample([period - early / system.frequency])
+    begin = np.concatenate([x[0, :1], v[0, :1]])
+    matrix = differences(held, begin, np.full(2, 1e-5))
+    wanted = np.sort(abs(np.linalg.eigvals(matrix)))
+    assert abs(np.sort(abs(orbit.multipliers[:-2])) - wanted).max() < 1e-6
+
+
+@pytest.mark.parametrize(
+    ("name", "parameter"),
+    [
+        ("hardens", "restitution.scale"),
+        ("hardens", "frequency"),
+        ("plastic", "restitution.rebound"),
+        ("elastic, slower", "restitution.loss"),
+    ],
+)
+def test_equations_of_what_sticks_keep_the_contracts(name: str, parameter: str) -> None:
+    orbit = sticking_orbit(name)
+    problem = orbit.problem(parameter)
+    check_problem(problem, orbit.unknowns, problem.values)
+
+
+def test_a_branch_that_sticks_is_followed_in_a_number_of_the_law() -> None:
+    branch = continue_orbit(
+        sticking_orbit("elastic"), "restitution.dissipation", bounds=(1.19, 1.21)
+    )
+    assert branch.admissible.all()
+    last = branch.orbit(int(np.argmax(branch.parameter)))
+    other = sticking(ViscoelasticSpheres(1.21)).attractor(transient=2000).periodic_orbit()
+    assert abs(last.states - other.states).max() <= last.error + other.error
+
+
+def test_slow_impacts_of_what_sticks_meet_the_jump_of_the_law() -> None:
+    orbit = sticking_orbit("plastic")
+    speeds = orbit.impulses[orbit._solution.restitutions > 0.0] / 1.6
+    branch = continue_orbit(orbit, "restitution.velocity", bounds=(0.01, 1.2 * speeds.min()))
+    jumps = [b for b in branch.bifurcations if "jump of the law" in b.touching]
+    assert any(abs(jump.value - speeds.min()) < 1e-10 for jump in jumps)

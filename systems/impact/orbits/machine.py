@@ -273,8 +273,33 @@ class Machine:
         if not np.iscomplexobj(rate):
             return r, slope
         change = (slope - r) / float(u[0]) * np.sign(rate.real) * rate.imag
-        names = law.numbers
-        for name, own in zip(names, self._own[element][-len(names) :], strict=True):
+        change += STEP * float(self._law_changed(element, piece, u)[0])
+        return r + 1j * change, slope
+
+    def rebounds(self, element: int, rates: Array) -> tuple[Array, Array, Array]:
+        """Restitutions, slopes of rebound velocities, and changes of the first by numbers: (n,).
+
+        At rates (n,) of the gap before impacts, which close it.
+        """
+        law: Any = getattr(self.elements[element], "restitution", None)
+        if not isinstance(law, ImpactLaw):
+            r, same = self.restitution(element), np.ones(len(rates))
+            return r.real * same, r.real * same, r.imag / STEP * same
+        u, (found, slopes, changed) = -rates, np.empty((3, len(rates)))
+        pieces = np.array([law.piece(velocity) for velocity in u.tolist()])
+        for piece in np.unique(pieces).tolist():
+            here = pieces == piece
+            found[here], slopes[here] = law.continued(piece, u[here])
+            changed[here] = self._law_changed(element, piece, u[here])
+        return found, slopes, changed
+
+    def _law_changed(self, element: int, piece: int, velocities: Array) -> Array:
+        """Change (n,) of the restitution, at some velocities, by those of the numbers of a law."""
+        law: Any = getattr(self.elements[element], "restitution", None)
+        names, out = law.numbers, np.zeros(len(velocities))
+        for name, own in zip(
+            names, self._own[element][-len(names) :] if names else (), strict=True
+        ):
             if own.imag:
 
                 def moved(value: float, name: str = name) -> Array:
@@ -282,11 +307,11 @@ class Machine:
                         there = replace(law, **{name: value})
                     except ValueError as refusal:  # beyond the range of the number
                         raise NoSolution(str(refusal)) from refusal
-                    return np.asarray(there.continued(piece, u)[0])
+                    return np.asarray(there.continued(piece, velocities)[0])
 
                 step = _DIFFERENCE * max(abs(names[name]), 1e-2)
-                change += float(difference(moved, names[name], step)[0]) * own.imag
-        return r + 1j * change, slope
+                out += difference(moved, names[name], step) * (own.imag / STEP)
+        return out
 
     def gap(self, element: int) -> Any:
         """Row of the gap."""

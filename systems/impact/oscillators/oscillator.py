@@ -231,9 +231,9 @@ class ImpactOscillator(ImpactMap):
         NoConvergence
             When Newton's method does not converge from the guess.
         NotImplementedError
-            When a stop with an impact law is stuck to. Where energies are not quadratic, also in
-            searches, with stops along functions, and when a stop is stuck to while the mass matrix
-            varies. ``dynkit.periodic_orbit`` finds the orbits of the map.
+            Where energies are not quadratic: in searches, with stops along functions, and when a
+            stop is stuck to that has an impact law, or while the mass matrix varies.
+            ``dynkit.periodic_orbit`` finds the orbits of the map.
 
         Examples
         --------

@@ -14,6 +14,7 @@ from dynkit.core.no_motion import NoMotion
 from dynkit.core.validation import Array
 from dynkit.orbits.newton import NoSolution
 from dynkit.systems.impact.elements.element import EventKind
+from dynkit.systems.impact.elements.laws import ImpactLaw
 from dynkit.systems.impact.orbits.itineraries.flying import Flights
 from dynkit.systems.impact.orbits.itineraries.itinerary import Happening, way
 from dynkit.systems.impact.orbits.machine import STEP, Machine, Regimes
@@ -48,6 +49,8 @@ class Chatter:
         Just after that impact, on the stop.
     fastest : float
         Largest change of velocity by an impact of the orbit.
+    rebounds : bool
+        Whether that impact does; otherwise contact follows at once.
 
     Attributes
     ----------
@@ -72,6 +75,7 @@ class Chatter:
         held: Regimes,
         state: Array,
         fastest: float,
+        rebounds: bool,
     ) -> None:
         assert event.kicked is not None
         self._flights, self._held = flights
@@ -82,8 +86,8 @@ class Chatter:
             held,
         )
         self._rub = [k for k, _ in event.rubs]
-        self._start, self._rebounds = state, machine.restitution(event.element) > 0.0
-        n, speed = machine.size, self._rebounds * float(machine.rate(self.element) @ state)
+        self._start, self.rebounds = state, rebounds
+        n, speed = machine.size, rebounds * float(machine.rate(self.element) @ state)
         if not (speed >= 0.0 and np.isfinite(state).all()):
             raise NoSolution("the chatter must begin with an impact that pushes")
         turn, closed = state[-3:-1], self.flying.held
@@ -124,7 +128,7 @@ class Chatter:
         It is longer than the one before, and nothing holds the mass down to its end. Without
         rebound there is no chatter, and any flight leaves.
         """
-        if not self._rebounds:
+        if not self.rebounds:
             return np.ones(count, dtype=bool)
         states = np.concatenate([self._start[None], _states(run, count)])[:count]
         flights = np.diff(run.time[:count], prepend=0.0)
@@ -147,7 +151,7 @@ class Chatter:
     def pressing(self) -> float:
         """Contact force where contact begins; negative where the chatter does not complete."""
         force, rate = self._held.force(self.element, self.begin)
-        if self.complete or not self._rebounds:
+        if self.complete or not self.rebounds:
             return force
         # What is left of the velocity is about the square of the force that is missing.
         speed = float(self.run.speeds[-1])
@@ -187,45 +191,54 @@ class Chatter:
         """
         k = self.element
         row, gap_changed = m.gap(k).real, m.gap(k).imag / STEP
-        rates = -self.run.log.speed / float(m.restitution(k).real)
         since = np.concatenate([self._start[None], self._after[:-1]])
         flown, added = flights.lifted(since, np.diff(self.run.time, prepend=0.0))
-        delays = -(row @ flown) / rates[:, None]
         moved = (flown @ since[:, :, None])[..., 0]
+        rates = self._rates(m, since + moved)
+        delays = -(row @ flown) / rates[:, None]
         delay = -(added @ row + moved @ gap_changed) / rates
         steps, more = np.empty_like(flown), np.empty_like(added)
-        ways = self._ways(m, since + moved, rates)
+        r, slopes, r_changed = m.rebounds(k, rates)
+        jumps = -(1.0 + r) * rates
+        ways = self._ways(m, since + moved, jumps)
         for own in set(map(tuple, ways.tolist())):
             i = (ways == own).all(axis=1)
             rubs = tuple(zip(self._rub, own, strict=True))
-            push = (1.0 + m.restitution(k)) * m.kick(self.flying, k, rubs)
-            stop = m.stopped(self.flying, rubs)
-            landed = self._after[i] + np.outer(rates[i], push.real)
+            kick, stop = m.kick(self.flying, k, rubs), m.stopped(self.flying, rubs)
+            landed = self._after[i] - np.outer(jumps[i], kick.real)
             if 0 in own:  # what the impact took is not in the state after it
                 landed = since[i] + moved[i]
-            through = stop.real @ (np.eye(len(row)) - np.outer(push.real, m.rate(k).real))
+            lost = (1.0 + slopes[i])[:, None, None] * np.outer(kick.real, m.rate(k).real)
+            through = stop.real @ (np.eye(len(row)) - lost)
             back = through @ m.shift(k)
-            put = through - np.outer(back, row)
-            moving = flights.rates(landed) @ put.T
+            put = through - back[:, :, None] * row
+            moving = (put @ flights.rates(landed)[:, :, None])[..., 0]
             steps[i] = put + put @ flown[i] + moving[:, :, None] * delays[i, None, :]
-            changed = np.outer(landed @ (m.rate(k).imag / STEP), push.real)
-            changed += np.outer(rates[i], push.imag / STEP)
-            changed = (landed - np.outer(rates[i], push.real)) @ (stop.imag / STEP).T - (
-                changed @ stop.real.T
-            )
-            more[i] = added[i] @ put.T + moving * delay[i, None] + changed
-            more[i] -= np.outer(landed @ gap_changed, back)
+            faster = landed @ (m.rate(k).imag / STEP)
+            changed = np.outer((1.0 + slopes[i]) * faster + rates[i] * r_changed[i], kick.real)
+            changed -= np.outer(jumps[i], kick.imag / STEP)
+            after = landed + np.outer(jumps[i], kick.real)
+            more[i] = (put @ added[i][:, :, None])[..., 0] + moving * delay[i, None]
+            more[i] += after @ (stop.imag / STEP).T - changed @ stop.real.T
+            more[i] -= (landed @ gap_changed)[:, None] * back
         return steps, more, delays, delay
 
-    def _ways(self, m: Machine, before: Array, rates: Array) -> NDArray[np.intp]:
-        """Signs (n, f) of slip at the impacts: see `Rubs`."""
-        jumps = -(1.0 + float(m.restitution(self.element).real)) * rates
+    def _rates(self, m: Machine, before: Array) -> Array:
+        """Rates (n,) of the gap before the impacts, from states (n, D) to fewer digits."""
+        law: Any = getattr(m.elements[self.element], "restitution", None)
+        if isinstance(law, ImpactLaw):
+            near = -(before @ m.rate(self.element).real)
+            return -law.approach(near, self.run.log.speed)
+        return np.asarray(-self.run.log.speed / float(m.restitution(self.element).real))
+
+    def _ways(self, m: Machine, before: Array, jumps: Array) -> NDArray[np.intp]:
+        """Signs (n, f) of slip at the impacts, by what these change: see `Rubs`."""
         found = []
         for k in self._rub:
             slips = (before @ m.rate(k).real).tolist()
             taken = (m.takes(self.flying, k).real * jumps).tolist()
             found.append([way(*pair) for pair in zip(slips, taken, strict=True)])
-        return np.array(found, dtype=np.intp).reshape(len(self._rub), len(rates)).T
+        return np.array(found, dtype=np.intp).reshape(len(self._rub), len(jumps)).T
 
 
 def _states(run: Trajectory, count: int) -> Array:

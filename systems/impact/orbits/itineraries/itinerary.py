@@ -29,6 +29,9 @@ _AT_ONCE = 2.0**-40
 _ZERO = 1e-6
 """Of the sum of its largest absolute terms: a guard that is smaller has ended a mode."""
 
+_SLOW = 1e-9
+"""Velocity of a slow impact."""
+
 _SAME = 1e-2
 """States of a cycle, a period apart, differ by no more, relative: then it is one cycle."""
 
@@ -154,8 +157,12 @@ def check_elements(oscillator: ImpactMap) -> None:
 
 def _check_sticks(oscillator: ImpactMap, law: Any) -> None:
     """Raise NotImplementedError where contact with a stop is not known."""
-    where = f"with an impact law; got {law!r}" if isinstance(law, ImpactLaw) else ""
-    if oscillator._motion is not None and not oscillator._motion.equations.constant_mass:
+    if oscillator._motion is None:
+        return
+    where = ""
+    if isinstance(law, ImpactLaw):
+        where = f"with an impact law where energies are not quadratic; got {law!r}"
+    if not oscillator._motion.equations.constant_mass:
         where = "where the mass matrix depends on the coordinates"
     if where:
         raise NotImplementedError(
@@ -310,8 +317,10 @@ def _name(
     phases = run.start.phase + run.start._system.frequency * np.array(times[begin:])
     turn = np.stack([np.sin(phases), np.cos(phases), np.ones_like(phases)], axis=1)
     z = np.concatenate([np.array(states[begin:]), turn], axis=1)
-    push = (1.0 + machine.restitution(k)) * machine.kick(last.mode, k, last.rubs)
-    z = (z - np.outer(z @ machine.rate(k), push)) @ machine.stopped(last.mode, last.rubs).T
+    rates = z @ machine.rate(k)
+    jumps = -(1.0 + machine.rebounds(k, rates)[0]) * rates
+    z = z + np.outer(jumps, machine.kick(last.mode, k, last.rubs))
+    z = z @ machine.stopped(last.mode, last.rubs).T
     moving = flights_of(run.start._system, machine, last.mode)
     pressing = -moving.rates(z) @ machine.rate(k)
     flights, change = np.diff(times[begin:]), abs(np.diff(pressing))
@@ -396,13 +405,20 @@ def counts_of(oscillator: ImpactMap, itinerary: Itinerary) -> dict[str, float]:
     ):
         if isinstance(element, HardStop):
             hits = [e for e in itinerary if e.kicked is not None and e.element == k]
-            chatters = element.restitution and any(e.chatters for e in hits)
+            chatters = any(e.chatters and _rebounds(element.restitution, e.piece) for e in hits)
             found[f"{name}.impacts"] = math.inf if chatters else len(hits)
         doing = [element.doing[event.mode.numbers[k]] for event in itinerary]
         for what in sorted(filter(None, set(element.doing))):
             begun = zip(doing, [doing[-1], *doing[:-1]], strict=True)
             found[f"{name}.{what}"] = sum(now == what != before for now, before in begun)
     return found
+
+
+def _rebounds(law: Any, piece: int) -> bool:
+    """Whether slow impacts rebound, of one piece of a law."""
+    if not isinstance(law, ImpactLaw):
+        return bool(law)
+    return bool(law.continued(piece, np.array([_SLOW]))[0] > 0.0)
 
 
 def returns_of(oscillator: ImpactMap, itinerary: Itinerary) -> int:

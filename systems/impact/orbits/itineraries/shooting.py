@@ -118,7 +118,10 @@ class ShootingSolution(ItinerarySolution):
         event, held = self.itinerary[i], self.following[i].mode
         assert event.kicked is not None
         flights = self.flights(event.kicked), self.flights(held)
-        own = event, flights, held, state, float(abs(self.impulses).max())
+        pushed = float(self.impulses[self.impulse_of[i]])
+        rate = float(self.machine.rate(event.element) @ state) - pushed
+        r, _ = self.machine.rebound(event.element, event.piece, rate)
+        own = event, flights, held, state, float(abs(self.impulses).max()), r > 0.0
         found = Chatter(self.oscillator, self.machine, *own)
         if found.run.impacts and self.durations[i] < found.lasts:
             raise NoSolution("the chatter must be complete before the next event")

@@ -88,11 +88,12 @@ def _is_released(s: Any, node: int) -> bool:
     # which slider slips at a release is rounding, and so is what is hit at once
     begun = int(np.searchsorted(seen.times, within)) if s.machine.sliders else 0
     found = iter(zip(seen.times[begun:], seen.events[begun:], strict=True))
-    for wanted, at in zip(s.following[begin:end], due, strict=True):
+    for i, at in enumerate(due, begin + 1):
+        wanted = s.itinerary[i % s.events]
         time, event = next(found, (np.inf, wanted))
         if not _same(event, wanted) or abs(time - at) > within:
             return False
-        bounces = wanted.chatters and s.machine.restitution(wanted.element) > 0.0
+        bounces = wanted.chatters and s.chatters[i % s.events].rebounds
         while bounces and event.guard >= 0:  # until contact
             _, event = next(found, (np.inf, Happening(wanted.mode, -1, 0)))
             if event.element != wanted.element or not (event.kicked or event.guard < 0):
