@@ -13,7 +13,6 @@ from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
-from time import process_time
 from typing import Any, TypeAlias, final
 
 import heyoka as hy
@@ -26,7 +25,7 @@ from dynkit.analysis.work_precision.measurement import Measurement
 from dynkit.core.validation import Array
 from dynkit.plotting.figures import write_figure
 from dynkit.systems import HenonHeiles, SymbolicFlow, VanDerPol
-from tests.benchmarks.report import table
+from tests.benchmarks.report import measured, table
 from tests.flows.cases import VelocityOf, followed_in_many_digits
 from tests.flows.symbolic_flows import SymbolicLorenz
 
@@ -36,7 +35,6 @@ Rates: TypeAlias = Callable[[Any], list[Any]]
 Run: TypeAlias = Callable[[], Array]
 
 TOLERANCES = (1e-4, 1e-7, 1e-10, 1e-13)
-_REPEATS, _ENOUGH = 200, 0.2
 _DOUBLE = 2.0**-52
 
 
@@ -162,21 +160,8 @@ def measurements(jobs: Sequence[str] | None = None) -> Iterator[Measurement]:
                 except ModuleNotFoundError as missing:
                     yield entry(remark=f"{missing.name} is not installed")
                     break
-                found, seconds = _measured(run)
+                found, seconds = measured(run)
                 yield entry(error=float(abs(found - end).max()) / size, seconds=seconds, starts=1)
-
-
-def _measured(run: Run) -> tuple[Array, float]:
-    """Return the end of a run, and the least seconds of the processor of several repetitions."""
-    found, best, spent = run(), math.inf, 0.0  # the first run may include compilation
-    for _ in range(_REPEATS):
-        began = process_time()
-        run()
-        seconds = process_time() - began
-        best, spent = min(best, seconds), spent + seconds
-        if spent > _ENOUGH:
-            break
-    return found, best
 
 
 def flows(out: Path | None = None) -> None:

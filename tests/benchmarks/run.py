@@ -26,6 +26,7 @@ from tests.benchmarks.dimension import dimensions
 from tests.benchmarks.extremes import extremes
 from tests.benchmarks.flows import flows
 from tests.benchmarks.lyapunov import lyapunov_speed
+from tests.benchmarks.machines import machines
 from tests.benchmarks.overheads import overheads
 from tests.benchmarks.report import table
 from tests.benchmarks.scaling import scaling
@@ -120,6 +121,7 @@ def main() -> None:
     RESULTS.mkdir(exist_ok=True)
     work_precision(str(RESULTS / "error-time.png"), log=sys.stdout)
     flows(RESULTS / "error-time-flows.png")
+    machines()
     print("\n### Extreme cases\n", flush=True)
     extremes(log=sys.stdout)
 
