@@ -8,7 +8,14 @@ import pytest
 from mpmath import mp
 
 from dynkit import NoConvergence, continue_orbit
-from dynkit.systems import DryFriction, HardStop, ImpactChain, Jenkins, SoftStop
+from dynkit.systems import (
+    DryFriction,
+    HardStop,
+    ImpactChain,
+    Jenkins,
+    MatrixOscillator,
+    SoftStop,
+)
 from dynkit.systems.impact.orbits.orbit import ImpactOrbit
 from dynkit.testing import check_problem
 from tests.impact.test_jenkins import MACHINE, random_machine
@@ -213,3 +220,41 @@ def test_borders_of_orbits_that_are_no_motions_lead_nowhere() -> None:
     assert not branch.admissible.all()
     for found in branch.bifurcations:
         assert all(isinstance(orbit, ImpactOrbit) for orbit in found.switch())
+
+
+# --- sliders that yield at once -------------------------------------------------------------------
+
+
+def test_two_equal_joints_are_one_of_twice_the_stiffness() -> None:
+    halves = [Jenkins(0, stiffness=1.0, force=0.15, name=name) for name in ("joint", "other")]
+    two, one = orbit_of(ONE.replace(elements=halves)), orbit_of(ONE)
+    assert isinstance(two, ImpactOrbit)
+    assert two.admissible
+    assert two.counts == {"joint.sticks": 2, "other.sticks": 2}
+    times = np.linspace(0.0, one.period, 9)
+    apart = [abs(a - b).max() for a, b in zip(two.sample(times), one.sample(times), strict=True)]
+    assert max(apart) <= one.error + two.error
+    assert abs(np.append(one.multipliers, 0.0) - two.multipliers).max() < 1e-13
+    problem = two.problem("frequency")
+    check_problem(problem, two.unknowns, problem.values)
+
+
+def test_joints_of_a_symmetric_machine_yield_at_once() -> None:
+    joints = [Jenkins(k, stiffness=2.0, force=0.3, name=f"joint{k}") for k in range(2)]
+    pair = MatrixOscillator(
+        M=np.eye(2),
+        C=0.05 * np.eye(2),
+        K=[[1.5, -0.5], [-0.5, 1.5]],
+        frequency=0.8,
+        harmonic_forces=[0.8, 0.8],
+        elements=joints,
+    )
+    orbit: Any = pair.attractor(transient=900, impacts=60).periodic_orbit()
+    assert isinstance(orbit, ImpactOrbit)
+    assert orbit.admissible
+    # moving together the two stretch no spring between them
+    one = orbit_of(ONE)
+    (place, _), (wanted, _) = (o.sample(np.linspace(0.0, 7.0, 9)) for o in (orbit, one))
+    assert abs(place - wanted).max() <= orbit.error + one.error
+    branch = continue_orbit(orbit, "frequency", bounds=(0.79, 0.81))
+    assert branch.admissible.all()

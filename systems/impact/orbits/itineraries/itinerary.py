@@ -189,6 +189,8 @@ def events_seen(
 ) -> Seen:
     """The events of a motion up to a time that end modes; what only follows at once is left out.
 
+    Sliders that yield at once, as equal ones do, are one event: that of the first one.
+
     Impacts of a chatter before contact are left out but for the first ones, between which the
     motion is not smooth: see `Happening.chatters`. Where all are to be named, contact is an event.
     """
@@ -252,6 +254,7 @@ def events_seen(
             if (
                 guard.element in now
                 or guard.watch.event == JUMP
+                or (guard.element in machine.sliders and now.intersection(machine.sliders))
                 or abs(value) > _ZERO * (abs(row) @ sizes)
             ):
                 continue
