@@ -8,6 +8,9 @@ import numpy as np
 from dynkit.core.no_motion import NoMotion, Refused
 from dynkit.core.validation import Array
 
+STEP = 1e-40
+"""Size of imaginary parts that stand for changes: its square vanishes beside one."""
+
 # The first relative step is accuracy**(1 / 9): at order 8 it balances truncation and the errors of
 # the values.
 _ORDER = 8

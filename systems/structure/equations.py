@@ -96,6 +96,12 @@ class Equations:
         return self._code([entry for mass, force in rows for entry in (*mass, force)])
 
     @cached_property
+    def mass_changes(self) -> Any:
+        """Code that fills (N, N, N + 1 + p) with derivatives of M by x, phase and numbers."""
+        by = (*self.x, self.phase, *self.numbers)
+        return self._code([entry.diff(each) for row in self.mass for entry in row for each in by])
+
+    @cached_property
     def tangent(self) -> Any:
         """Code that fills (N, 2 N) with the derivatives of f by x and by v."""
         return self._code(_jacobian(self.force, (*self.x, *self.v)))
@@ -120,6 +126,7 @@ class Motion:
     ----------
     equations : Equations
     numbers : (p,) float
+        Complex, where they have imaginary changes.
     text : str
         The energies, for stores.
     """
@@ -132,6 +139,19 @@ class Motion:
         n = len(x)
         found = self._filled("inertia", rate, x, v, phase, (n, n + 1))
         return found[:, :n], found[:, n]
+
+    def mass(self, x: Array, phase: Any) -> Array:
+        """M, (N, N), at positions (N,) and a phase.
+
+        Also with imaginary changes of these and of the numbers: see `dynkit.core.differences.STEP`.
+        """
+        n, changes = len(x), np.concatenate([x, [phase], self.numbers])
+        given = 0.0, changes[:n].real, np.zeros(n), float(changes[n].real)
+        found = self._filled("inertia", *given, (n, n + 1))[:, :n]
+        if not np.iscomplexobj(changes):
+            return found
+        by = self._filled("mass_changes", *given, (n, n, len(changes)))
+        return np.asarray(found + 1j * (by @ changes.imag))
 
     def tangent(self, rate: float, x: Array, v: Array, phase: float) -> tuple[Array, Array]:
         """Derivatives (N, N) of f by positions and by velocities."""
@@ -148,7 +168,7 @@ class Motion:
     ) -> Array:
         from dynkit.systems.symbolic import kernels
 
-        out, parameters = np.empty(shape), np.append(self.numbers, rate)
+        out, parameters = np.empty(shape), np.append(self.numbers.real, rate)
         state = np.concatenate([x, v, [phase]])
         kernels.apply(getattr(self.equations, code).address, state, parameters, out)
         return out

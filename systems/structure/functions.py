@@ -42,6 +42,15 @@ class Form:
 
         return compiled("the coordinate of a stop", self.values, self.x, self.numbers)
 
+    @cached_property
+    def changes(self) -> Any:
+        """Code that fills (1 + N, p) with derivatives of y and its gradient by the numbers."""
+        from dynkit.systems.symbolic.machine_code import compiled
+
+        some = self.values[: 1 + len(self.x)]
+        by = [value.diff(number) for value in some for number in self.numbers]
+        return compiled("the coordinate of a stop", by, self.x, self.numbers)
+
 
 @final
 class CoordinateFunction:
@@ -51,6 +60,7 @@ class CoordinateFunction:
     ----------
     form : Form
     numbers : (p,) float
+        Complex, where they have imaginary changes; so may positions be then, but not for `bend`.
     text : str
         The expression, for stores.
     """
@@ -73,6 +83,8 @@ class CoordinateFunction:
         return np.asarray((second @ v[..., None])[..., 0])
 
     def _filled(self, x: Array) -> Array:
+        if np.iscomplexobj(x) or np.iscomplexobj(self.numbers):
+            return self._changed(x)
         from dynkit.systems.symbolic import kernels
 
         rows = np.ascontiguousarray(x, dtype=float).reshape(-1, x.shape[-1])
@@ -80,6 +92,20 @@ class CoordinateFunction:
         for row, filled in zip(rows, out, strict=True):
             kernels.apply(self.form.code.address, row, self.numbers, filled)
         return out.reshape(*x.shape[:-1], -1)
+
+    def _changed(self, x: Array) -> Array:
+        """The value and its gradient, (1 + N,), at one position (N,), with imaginary changes."""
+        from dynkit.systems.symbolic import kernels
+
+        n, still = len(x), CoordinateFunction(self.form, self.numbers.real.copy(), self.text)
+        found = still._filled(x.real)
+        by_x = np.concatenate([found[1 : 1 + n], found[1 + n :]]).reshape(1 + n, n)
+        by_numbers = np.empty((1 + n, len(self.numbers)))
+        if by_numbers.size:
+            at = np.ascontiguousarray(x.real), still.numbers
+            kernels.apply(self.form.changes.address, *at, by_numbers.ravel())
+        changes = by_x @ x.imag + by_numbers @ self.numbers.imag
+        return np.asarray(found[: 1 + n] + 1j * changes)
 
 
 def function_of(owner: object, name: str, size: int) -> CoordinateFunction:

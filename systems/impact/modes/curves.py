@@ -42,12 +42,19 @@ class CurvedContact:
         places, speeds = (np.broadcast_to(given, shape).ravel() for given in (place, speed))
         positions, velocities = x.reshape(-1, n), v.reshape(-1, n)
         for k, (at, moving) in enumerate(zip(positions, velocities, strict=True)):
-            self._put(at, float(places[k]))
+            self.put(at, float(places[k]))
             row = self.function.gradient(at)
             moving += row * ((speeds[k] - row @ moving) / (row @ row))
         x[...], v[...] = positions.reshape(x.shape), velocities.reshape(v.shape)
 
-    def _put(self, x: Array, place: float) -> None:
+    def put(self, x: Array, place: float) -> None:
+        """Give y a value at positions (N,), which move along its gradient there, in place.
+
+        Raises
+        ------
+        Refused
+            As `put_both`.
+        """
         way, start, last = self.function.gradient(x), x.copy(), np.inf
         for _ in range(_STEPS):
             off, row = place - float(self.function(x)), self.function.gradient(x)

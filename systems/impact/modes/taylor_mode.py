@@ -8,6 +8,7 @@ from typing import Any, NamedTuple, final
 
 import numpy as np
 
+from dynkit.core.differences import STEP
 from dynkit.core.validation import Array
 from dynkit.systems.impact.elements.element import Element, Regime, Watch
 from dynkit.systems.impact.elements.stops import HardStop
@@ -205,12 +206,17 @@ class TaylorMode:
         """
         found = self._constant_kicks.get(k)
         if found is None:
-            w, motion = self.scene.excitation.frequency, self.scene.motion
-            mass, _ = motion.inertia(w, x, np.zeros_like(x), phase)
-            found = self._kick(k, mass, self.scene.rows_at(x))
+            found = self.kick_in(self.scene, k, x, phase)
             if self.constant_kicks:
                 self._constant_kicks[k] = found
         return found
+
+    def kick_by_place(self, k: int, x: Array, phase: float) -> Array:
+        """Derivatives (N, N + 1) of a kick by positions and phase."""
+        here = np.append(x, phase)
+        moved = here + 1j * STEP * np.eye(len(here))
+        found = [self.kick_in(self.scene, k, each[:-1], each[-1]) for each in moved]
+        return np.array(found).imag.T / STEP
 
     @property
     def constant_kicks(self) -> bool:
@@ -221,15 +227,16 @@ class TaylorMode:
     def _constant_kicks(self) -> dict[int, Array]:
         return {}
 
-    def _kick(self, k: int, mass: Array, all_rows: Array) -> Array:
-        scene, both = self.scene, [*self.held, *self.sticking]
+    def kick_in(self, scene: Scene, k: int, x: Array, phase: Any) -> Array:
+        """The kick in a scene that differs in its numbers, also with imaginary changes."""
+        both, mass, all_rows = [*self.held, *self.sticking], *scene.inertia(x, phase)
         row = all_rows[k]
         response = np.linalg.solve(mass, row)
         if both:
             rows = all_rows[both]
             inner = np.linalg.solve(mass, rows.T)
             response = response - inner @ np.linalg.solve(rows @ inner, rows @ response)
-        return np.asarray(scene.elements[k].sign * response / float(row @ response))
+        return np.asarray(scene.elements[k].sign * response / (row @ response))
 
     def pushed(self, row: Array) -> Array:
         """Velocity changes (N,) of an impulse that changes the rate of a row (N,) by one."""
@@ -332,6 +339,12 @@ class TaylorMode:
             (here,) = np.nonzero(np.asarray(which) == i)
             out[here] = self.path(starts[i], float(durations[here].max())).states(durations[here])
         return out
+
+    def gap_series(self, k: int, state: Array) -> Array:
+        """Taylor coefficients (order + 1,) of the gap of a hard stop at a state (2, N + 1)."""
+        chart, turn = self.chart(k), state[:, -1].tolist()
+        z = chart.coordinates(*state[:, :-1], *turn)
+        return np.asarray(chart.coefficients(z, *turn)[chart.places[k]])
 
     def path(self, start: Array, longest: float) -> Path:
         """The motion from a start (2, N + 1) over a duration."""

@@ -51,10 +51,28 @@ class Scene:
         """The rows (elements, N) at positions (N,)."""
         rows = self.rows
         if self.curves:
-            rows = rows.copy()
-            for k, function in self.curves.items():
-                rows[k] = function.gradient(x)
+            found = {k: function.gradient(x) for k, function in self.curves.items()}
+            rows = rows.astype(np.result_type(rows, *found.values()))
+            for k, row in found.items():
+                rows[k] = row
         return rows
+
+    def inertia(self, x: Array, phase: Any) -> tuple[Array, Array]:
+        """Mass matrix (N, N), and rows of elements (elements, N), at positions (N,) and a phase.
+
+        Also with imaginary changes of these, and of numbers.
+        """
+        return self.motion.mass(x, phase), self.rows_at(x)
+
+    def changed(self, numbers: Array) -> Scene:
+        """With imaginary changes of the numbers: of the energies, then of the functions."""
+        count, own, curves = len(self.motion.numbers), self.motion, {}
+        motion = type(own)(own.equations, own.numbers + 1j * numbers[:count], own.text)
+        for k, function in self.curves.items():
+            end = count + len(function.numbers)
+            moved = function.numbers + 1j * numbers[count:end]
+            curves[k], count = type(function)(function.form, moved, function.text), end
+        return Scene(motion, self.excitation, self.elements, curves)
 
     def bends(self, x: Array, v: Array) -> Array:
         """What velocities add to the accelerations along the elements, (elements,)."""

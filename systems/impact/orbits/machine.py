@@ -21,6 +21,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple, final
 
 import numpy as np
 
+from dynkit.core.differences import STEP
 from dynkit.core.validation import Array
 from dynkit.orbits.newton import NoSolution
 from dynkit.systems.impact.elements.friction import FORWARD
@@ -29,9 +30,6 @@ from dynkit.systems.impact.elements.laws import ImpactLaw
 if TYPE_CHECKING:
     from dynkit.systems.impact.elements.element import Element
     from dynkit.systems.impact.simulation.driven_structure import DrivenStructure
-
-STEP = 1e-40
-"""Size of imaginary parts: its square vanishes beside one."""
 
 _OF_REGIME, _OF_GUARD = 4, 6
 """Numbers of what a regime does, and of each of its guards."""
@@ -163,11 +161,14 @@ class Changes:
         self, system: Callable[[Array], DrivenStructure], modes: Sequence[Regimes] = ()
     ) -> None:
         self._system, self._modes = system, modes
-        self._known: dict[tuple[int, bytes, int], tuple[Array, Numbers]] = {}
+        self._known: dict[tuple[int, bytes, Any], tuple[Array, Numbers]] = {}
 
     def _form(self, p: Array) -> Any:
-        """The form of energies that are not quadratic."""
-        return self._system(p)._motion.equations if self._modes else None
+        """The form of energies that are not quadratic, and of functions along which stops act."""
+        if not self._modes:
+            return None
+        system = self._system(p)
+        return system._motion.equations, *(curve.form for curve in system._curves.values())
 
     def by(self, p: Array, k: int) -> tuple[Array, Numbers] | None:
         """By number `k` of the parameters (l,), whole and in parts.
@@ -182,10 +183,10 @@ class Changes:
             nonlocal changed
             moved = p.copy()
             moved[k] = value
-            changed = changed or self._form(moved) is not form
+            changed = changed or self._form(moved) != form
             return numbers_of(self._system(moved), () if changed else self._modes)
 
-        key = k, p[:k].tobytes() + p[k + 1 :].tobytes(), id(form)
+        key = k, p[:k].tobytes() + p[k + 1 :].tobytes(), form
         if key not in self._known:
             try:
                 whole, linear = change_of(numbers, float(p[k]))

@@ -189,14 +189,12 @@ class ImpactAttractor(Attractor):
             When a mass of it rests on a preloaded stop; `dynkit.periodic_orbit` finds orbits of
             the map.
         """
-        from dynkit.orbits.periodic_orbit import periodic_orbit as map_orbit
         from dynkit.systems.impact.orbits.finding import orbit_of_motion, sticking_orbit_of
         from dynkit.systems.impact.orbits.itineraries.finding import orbit_near
-        from dynkit.systems.impact.orbits.itineraries.itinerary import has_law, unknown_element
+        from dynkit.systems.impact.orbits.itineraries.itinerary import has_law
 
         smooth = self._system._motion is not None
-        known = unknown_element(self._system) is None
-        if known and self._system._own and not self._system._excitation.turns:
+        if self._system._own and not self._system._excitation.turns:
             return orbit_near(self._system, self.final, 1)
         n, m = self.label.iterates, self.label.periods
         if n is m is None:
@@ -206,8 +204,6 @@ class ImpactAttractor(Attractor):
             return sticking_orbit_of(self._system, self.final, m)
         rest = max(self.label.simulated - len(self.record), 0)  # so long it took to settle
         record = self._system.attractor(transient=rest, impacts=n, start=self.final).record
-        if not known:
-            return map_orbit(self._system, record.states)
         if self._system._own or has_law(self._system) or smooth or m is None:
             return orbit_near(self._system, record.final, m or 1)
         return orbit_of_motion(record, n, m)

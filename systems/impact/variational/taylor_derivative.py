@@ -10,7 +10,6 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from dynkit.core.differences import numerical_derivative
 from dynkit.core.validation import Array
 from dynkit.systems.impact.elements.element import HALT, IMPACT
 from dynkit.systems.impact.variational.saltation import reset
@@ -19,9 +18,6 @@ if TYPE_CHECKING:
     from dynkit.systems.impact.modes.taylor_mode import TaylorMode
     from dynkit.systems.impact.simulation.driven_structure import DrivenStructure
     from dynkit.systems.impact.simulation.trajectory import Trajectory
-
-DIFFERENCES = 2.0**-50
-"""Relative error of a force or a kick of which differences are taken."""
 
 
 def followed(oscillator: DrivenStructure, run: Trajectory, lifted: Array) -> tuple[Array, Any]:
@@ -74,12 +70,7 @@ def hit(
     by_rate = rate_row(mode, k, state) @ disturbances
     out[n : 2 * n] += reset(slope, mode.kick(k, x, phase), by_rate)
     if not mode.constant_kicks:
-
-        def kick(given: Array) -> Array:
-            return mode.kick(k, given[:n], float(given[n]))
-
-        here = np.append(x, phase)
-        by_place = numerical_derivative(kick, here, accuracy=DIFFERENCES)[0]
+        by_place = mode.kick_by_place(k, x, phase)
         moved = np.concatenate([disturbances[:n], disturbances[2 * n :]])
         out[n : 2 * n] -= (1.0 + r) * rate * (by_place @ moved)
     return out, by_rate

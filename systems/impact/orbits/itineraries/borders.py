@@ -90,7 +90,7 @@ class LawJump(Border):
         breaks = solution.oscillator._elements[event.element].restitution.breaks
         if self.side >= len(breaks):
             return math.inf
-        approach = -float(solution.rates[k] @ solution.before[i])
+        approach = -float(solution.closing[k])
         return float(approach - breaks[self.side]) * (1.0 if event.piece > self.side else -1.0)
 
     def left(self, solution: Any, own: Array) -> Any:  # noqa: ARG002
@@ -194,8 +194,7 @@ class _OfContact(Border):
         return [self.value(solution) / self._unit(solution)]
 
     def _unit(self, solution: Any) -> float:
-        force = solution.machine.force(solution.following[self.part].mode, self.side)
-        return float(abs(force) @ solution.measures)
+        return float(solution.force_unit(self.part, self.side))
 
     def place(self, solution: Any, own: Array) -> tuple[float, int]:  # noqa: ARG002
         return solution.begins(self.part), self.side

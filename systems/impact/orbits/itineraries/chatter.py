@@ -10,14 +10,16 @@ from typing import Any, final
 import numpy as np
 from numpy.typing import NDArray
 
+from dynkit.core.differences import STEP
 from dynkit.core.no_motion import NoMotion
 from dynkit.core.validation import Array
 from dynkit.orbits.newton import NoSolution
 from dynkit.systems.impact.elements.element import EventKind
 from dynkit.systems.impact.elements.laws import ImpactLaw
-from dynkit.systems.impact.orbits.itineraries.flying import Flights
+from dynkit.systems.impact.orbits.itineraries.flying import Flights, TaylorFlights
 from dynkit.systems.impact.orbits.itineraries.itinerary import Happening, way
-from dynkit.systems.impact.orbits.machine import STEP, Machine, Regimes
+from dynkit.systems.impact.orbits.itineraries.varying import varying_steps
+from dynkit.systems.impact.orbits.machine import Machine
 from dynkit.systems.impact.simulation.state import Motion, beside, state_at
 from dynkit.systems.impact.simulation.trajectory import Trajectory, grouped
 
@@ -43,8 +45,6 @@ class Chatter:
         The impact that it follows.
     flights : tuple of two
         Those of the chatter, and of contact.
-    held : Regimes
-        The mode of contact.
     state : (D,)
         Just after that impact, on the stop.
     fastest : float
@@ -59,6 +59,8 @@ class Chatter:
     complete : bool
     begin : (D,)
         State with which contact begins.
+    start : (D,)
+        The state just after the impact before.
 
     Raises
     ------
@@ -72,22 +74,18 @@ class Chatter:
         machine: Machine,
         event: Happening,
         flights: tuple[Flights, Flights],
-        held: Regimes,
         state: Array,
         fastest: float,
         rebounds: bool,
     ) -> None:
         assert event.kicked is not None
         self._flights, self._held = flights
-        self.machine, self.element, self.flying, self.held = (
-            machine,
-            event.element,
-            event.kicked,
-            held,
-        )
+        self.machine, self.element, self.flying = machine, event.element, event.kicked
         self._rub = [k for k, _ in event.rubs]
-        self._start, self.rebounds = state, rebounds
-        n, speed = machine.size, rebounds * float(machine.rate(self.element) @ state)
+        self.start, self.rebounds = state, rebounds
+        self._followed = event._replace(mode=event.kicked)
+        n, rate = machine.size, self._flights.rate_of(self.element, state)[0]
+        speed = rebounds * float(rate)
         if not (speed >= 0.0 and np.isfinite(state).all()):
             raise NoSolution("the chatter must begin with an impact that pushes")
         turn, closed = state[-3:-1], self.flying.held
@@ -97,8 +95,8 @@ class Chatter:
             self.run = self._to_contact(oscillator, start, fastest)
         except NoMotion as refusal:
             raise NoSolution(str(refusal)) from refusal
-        last = self._after[-1] if self.run.impacts else state
-        self.begin = machine.caught(self.flying, held) @ machine.put_on(self.element) @ last
+        last = self.after[-1] if self.run.impacts else state
+        self.begin = self._landed(self._held, last)[0]
 
     def _to_contact(self, oscillator: Any, start: Any, fastest: float) -> Trajectory:
         count = CHUNK
@@ -130,15 +128,15 @@ class Chatter:
         """
         if not self.rebounds:
             return np.ones(count, dtype=bool)
-        states = np.concatenate([self._start[None], _states(run, count)])[:count]
+        states = np.concatenate([self.start[None], _states(run, count)])[:count]
         flights = np.diff(run.time[:count], prepend=0.0)
-        bend, change = self._flights.bends(self.machine.rate(self.element), states)
+        bend, change = self._flights.bends(self.element, states)
         freed = bend + np.maximum(change, 0.0) * flights >= 0.0
         longer = flights > np.append(np.inf, flights[:-1])
         return (freed & longer) | (run.element[:count] != self.element)
 
     @cached_property
-    def _after(self) -> Array:
+    def after(self) -> Array:
         """States (n, D) just after the impacts."""
         return _states(self.run, self.run.impacts)
 
@@ -157,7 +155,15 @@ class Chatter:
         speed = float(self.run.speeds[-1])
         return -math.sqrt(speed * abs(rate))
 
-    def carried(self, machine: Machine, flights: Flights, changes: Array) -> tuple[Array, Array]:
+    def _landed(self, held: Flights, state: Any) -> tuple[Any, Any]:
+        """The state (D,) in contact, put on the stop and caught, and its derivative (D, D)."""
+        put, by = held.begun(self._followed._replace(chatters=True), state)
+        found, caught = held.begun(self._followed._replace(chatters=False), put)
+        return found, caught @ by
+
+    def carried(
+        self, machine: Machine, flights: Flights, held: Flights, changes: Array
+    ) -> tuple[Array, Array]:
         """Changes (D, k) of the state with which contact begins, and (k,) of the time until then.
 
         An impact is where the gap is zero, so its time changes. Late in a chatter rates are far
@@ -168,20 +174,24 @@ class Chatter:
         ----------
         machine : Machine
             With imaginary parts where its numbers change, too.
-        flights : Flights
-            Of the chatter, with these changes.
+        flights, held : Flights
+            Of the chatter, and of contact, with these changes.
         changes : (D, k)
             Of the state just after the impact before, on the stop.
         """
-        m, k, late = machine, self.element, np.zeros(changes.shape[1])
+        late = np.zeros(changes.shape[1])
         if self.run.impacts:
-            steps, more, delays, delay = self._steps(m, flights)
+            steps, more, delays, delay = (
+                varying_steps(self, machine, flights)
+                if isinstance(flights, TaylorFlights) and flights.varies
+                else self._steps(machine, flights)
+            )
             for step, added, later, own in zip(steps, more, delays, delay, strict=True):
                 late += later @ changes + own
                 changes = step @ changes + added[:, None]
-        last = self._after[-1] if self.run.impacts else self._start
-        catch = m.caught(self.flying, self.held) @ m.put_on(k)
-        return catch.real @ changes + (catch.imag @ last / STEP)[:, None], late
+        last = self.after[-1] if self.run.impacts else self.start
+        landed, by = self._landed(held, last)
+        return by @ changes + (landed.imag / STEP)[:, None], late
 
     def _steps(self, m: Machine, flights: Flights) -> tuple[Array, Array, Array, Array]:
         """What each flight, and the impact that ends it, make of changes (D,) of the state before.
@@ -191,7 +201,7 @@ class Chatter:
         """
         k = self.element
         row, gap_changed = m.gap(k).real, m.gap(k).imag / STEP
-        since = np.concatenate([self._start[None], self._after[:-1]])
+        since = np.concatenate([self.start[None], self.after[:-1]])
         flown, added = flights.lifted(since, np.diff(self.run.time, prepend=0.0))
         moved = (flown @ since[:, :, None])[..., 0]
         rates = self._rates(m, since + moved)
@@ -205,7 +215,7 @@ class Chatter:
             i = (ways == own).all(axis=1)
             rubs = tuple(zip(self._rub, own, strict=True))
             kick, stop = m.kick(self.flying, k, rubs), m.stopped(self.flying, rubs)
-            landed = self._after[i] - np.outer(jumps[i], kick.real)
+            landed = self.after[i] - np.outer(jumps[i], kick.real)
             if 0 in own:  # what the impact took is not in the state after it
                 landed = since[i] + moved[i]
             lost = (1.0 + slopes[i])[:, None, None] * np.outer(kick.real, m.rate(k).real)

@@ -19,7 +19,6 @@ from dynkit.systems.impact.orbits.itineraries.itinerary import (
     Course,
     Happening,
     Itinerary,
-    check_elements,
     counts_of,
     has_law,
     returns_of,
@@ -131,7 +130,6 @@ class ItineraryEquations(ImpactProblem):
         nodes: tuple[int, ...] = (0,),
     ) -> None:
         super().__init__(oscillator, names, periods, itinerary, sizes)
-        check_elements(oscillator)
         self.driven, self.nodes = driven, nodes
 
     @cached_property
@@ -249,10 +247,21 @@ class ItineraryEquations(ImpactProblem):
         for event, pair in zip(self.itinerary, self.pairs, strict=True):
             row = np.zeros_like(m)
             if event.element >= 0:
-                row = machine.watched(event.mode, event.element, event.guard)
+                row = self._row(machine, event)
             size = float(abs(row) @ m) or 1.0
             units.append(size * (speed / length) ** (pair.order if pair else 0))
         return np.array(units)
+
+    def _row(self, machine: Machine, event: Happening) -> Array:
+        """Row (D,) of the size of what is watched at an event."""
+        element, n = machine.elements[event.element], machine.size
+        if not element.curved:
+            return np.asarray(machine.watched(event.mode, event.element, event.guard))
+        watch = element.regimes[event.mode.numbers[event.element]].guards[event.guard]
+        row = np.zeros_like(self._measures)
+        row[:n], row[n : 2 * n] = abs(watch.gap), abs(watch.rate)
+        row[n : 2 * n] += abs(watch.force) * self.oscillator.frequency * np.diag(machine.mass)
+        return row
 
     def residual(self, x: Array, p: Array) -> Array:
         with np.errstate(over="ignore", invalid="ignore"):

@@ -11,11 +11,11 @@ from dynkit.core.cost import Cost
 from dynkit.core.validation import Array, positive_integer
 from dynkit.orbits.newton import NoConvergence, solve
 from dynkit.systems.impact.orbits.itineraries.equations import ItineraryEquations
+from dynkit.systems.impact.orbits.itineraries.flying import flights_of
 from dynkit.systems.impact.orbits.itineraries.itinerary import (
     Course,
     Happening,
     Seen,
-    check_elements,
     events_seen,
     from_release,
     of_cycle,
@@ -70,7 +70,6 @@ def orbit_near(system: ImpactMap, state: ImpactState, periods: int) -> ImpactOrb
         When the motion is too far from an orbit, or the orbit is one of a family.
     """
     began = time.perf_counter()
-    check_elements(system)
     driven = system._excitation.turns
     if driven:
         length = periods * TWO_PI / system.frequency
@@ -162,7 +161,8 @@ def _impulses(system: ImpactMap, seen: Seen, phases: Array) -> Array:
     for event, state, phase in zip(seen.events, seen.states, phases, strict=True):
         if event.kicked:
             z = np.concatenate([state, [np.sin(phase), np.cos(phase), 1.0]])
-            rate = float(machine.rate(event.element) @ z)
+            moving = flights_of(system, machine, event.mode)
+            rate = float(moving.rate_of(event.element, z)[0])
             r, _ = machine.rebound(event.element, event.piece, rate)
             found.append(-(1.0 + r) * rate)
     return np.array(found)

@@ -4,15 +4,26 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from typing import Any, final
+from functools import cached_property
+from typing import TYPE_CHECKING, Any, ClassVar, final
 
 import numpy as np
 
+from dynkit.core.differences import STEP
 from dynkit.core.no_motion import CannotFollow, Diverged
 from dynkit.core.validation import Array
 from dynkit.orbits.newton import NoSolution
+from dynkit.systems.impact.elements.element import Watch
 from dynkit.systems.impact.modes.taylor_mode import FREQUENCY, Path, TaylorMode
-from dynkit.systems.impact.orbits.machine import STEP, Machine, Regimes, lifted, moved
+from dynkit.systems.impact.modes.taylor_scene import Scene
+from dynkit.systems.impact.orbits.machine import Machine, Regimes, Rubs, lifted, moved
+from dynkit.systems.impact.variational.taylor_derivative import gradient
+
+if TYPE_CHECKING:
+    from dynkit.systems.impact.orbits.itineraries.itinerary import Happening
+
+_GAUSS = 0.5 + np.array([-0.5, 0.5]) / math.sqrt(3.0)
+"""Nodes of Gauss-Legendre quadrature of two points over a unit of time."""
 
 _SHORT = 1e-3
 """Of the time in which a state changes by itself: derivatives of shorter flights are series."""
@@ -35,9 +46,9 @@ class LinearFlights:
         """Rates (n, D) of states (n, D)."""
         return np.asarray(states @ self._flow.real.T)
 
-    def bends(self, row: Array, states: Array) -> tuple[Array, Array]:
-        """First and second derivatives (n,) of a row by time."""
-        first = row @ self._flow.real
+    def bends(self, element: int, states: Array) -> tuple[Array, Array]:
+        """Second and third derivatives (n,) of a gap by time, at states (n, D)."""
+        first = self.machine.rate(element).real @ self._flow.real
         return states @ first, states @ (first @ self._flow.real)
 
     def lifted(self, states: Array, times: Array) -> tuple[Array, Array]:
@@ -45,14 +56,49 @@ class LinearFlights:
         flown = lifted(self._flow, times)
         return flown.real, (flown.imag / STEP @ states[:, :, None])[..., 0]
 
-    def watched(self, element: int, guard: int, z: Array) -> float:
-        """What an element watches at a state: guard number `guard` of its regime."""
-        return float(self.machine.watched(self.mode, element, guard) @ z)
+    varies: ClassVar[bool] = False
+    """Whether rows and kicks depend on the state."""
+
+    def observed(self, element: int, guard: int, z: Any) -> tuple[Any, Any]:
+        """What an element watches at a state, guard number `guard` of its regime; derivative (D,).
+
+        That is by the state.
+        """
+        row = self.machine.watched(self.mode, element, guard)
+        return row @ z, row
+
+    def gap_of(self, element: int, z: Any) -> tuple[Any, Any]:
+        """Gap of a stop at a state, and its derivative (D,) by that."""
+        row = self.machine.gap(element)
+        return row @ z, row
+
+    def rate_of(self, element: int, z: Any) -> tuple[Any, Any]:
+        """Rate of the gap of a stop at a state, and its derivative (D,) by that."""
+        row = self.machine.rate(element)
+        return row @ z, row
+
+    def kick(self, element: int, z: Any, rubs: Rubs = ()) -> Any:  # noqa: ARG002
+        """Change (D,) of a state by an impulse that changes the rate of a gap by one."""
+        return self.machine.kick(self.mode, element, rubs)
+
+    def begun(self, event: Happening, z: Any) -> tuple[Any, Any]:
+        """The state (D,) with which the mode begins after an event, and derivative (D, D) by `z`.
+
+        What begins to hold or to stick loses its rate. Where a chatter follows the stop is put to
+        zero gap.
+        """
+        put = self.machine.put_on(event.element)
+        matrix = put if event.chatters else self.machine.caught(event.mode, self.mode)
+        return matrix @ z, matrix.real
 
     def force(self, element: int, state: Array) -> tuple[float, float]:
         """Force by which an element holds, and its rate."""
-        row = self.machine.force(self.mode, element)
+        row = self.force_row(element, state)
         return float((row @ state).real), float((row @ self._flow @ state).real)
+
+    def force_row(self, element: int, state: Any) -> Any:  # noqa: ARG002
+        """Derivative (D,) of the force by which an element holds."""
+        return self.machine.force(self.mode, element)
 
 
 @final
@@ -62,14 +108,18 @@ class TaylorFlights:
     Parameters
     ----------
     oscillator : ImpactMap
+    machine : Machine
+        Of it, with imaginary changes of its numbers if there are changes.
     mode : Regimes
     changes : (j,), optional
         Changes of the numbers of flights.
     """
 
-    def __init__(self, oscillator: Any, mode: Regimes, changes: Array | None = None) -> None:
+    def __init__(
+        self, oscillator: Any, machine: Machine, mode: Regimes, changes: Array | None = None
+    ) -> None:
         self.mode: TaylorMode = oscillator._automaton.mode(mode.numbers)
-        self._regimes = mode
+        self._oscillator, self.machine, self._regimes = oscillator, machine, mode
         self.changes, self._clock = changes, oscillator.frequency
         self._n = oscillator.degrees_of_freedom
 
@@ -143,16 +193,135 @@ class TaylorFlights:
             out[n : 2 * n] = self.mode.gradients(self.short(z), self.changes, rates=True)
         return out
 
-    def guard(self, element: int, guard: int) -> int:
-        """Number of a guard among those of the mode, by its number in its element's regime."""
-        own = self.mode.scene.elements[element].regimes[self._regimes.numbers[element]].guards
-        guards = self.mode.guards
-        found = (k == element and number_of(own, watch) == guard for k, watch in guards)
-        return list(found).index(True)
+    # --- elements, also with imaginary changes of states and numbers ------------------------------
 
-    def watched(self, element: int, guard: int, z: Array) -> float:
-        """What an element watches at a state: guard number `guard` of its regime."""
-        return self.mode.watched(self.guard(element, guard), self.short(z))[0]
+    @property
+    def varies(self) -> bool:
+        """Whether rows and kicks depend on the state."""
+        return not self.mode.constant_kicks
+
+    @cached_property
+    def _scene(self) -> Scene:
+        """What the mode is in, with the changes of numbers."""
+        if self.changes is None:
+            return self.mode.scene
+        return self.mode.scene.changed(STEP * self.changes[FREQUENCY + 1 :])
+
+    def _watch(self, element: int, guard: int) -> Watch:
+        regimes = self.mode.scene.elements[element].regimes
+        return regimes[self._regimes.numbers[element]].guards[guard]
+
+    def _guard(self, element: int, watch: Watch) -> int:
+        """Number of a guard of an element among those of the mode."""
+        guards = self.mode.guards
+        return next(i for i, (k, own) in enumerate(guards) if k == element and same(own, watch))
+
+    def observed(self, element: int, guard: int, z: Any) -> tuple[Any, Any]:
+        """What an element watches at a state, guard number `guard` of its regime; derivative (D,).
+
+        That is by the state.
+        """
+        watch, now = self._watch(element, guard), z.real
+        if not watch.force:
+            row = self.machine.watched(self._regimes, element, guard)
+            return self._along(element, z, row, watch.gap, watch.rate)
+        number, state = self._guard(element, watch), self.short(now)
+        value = self.mode.watched(number, state)[0]
+        row = self.wide(gradient(self.mode, number, state), now)
+        if not np.iscomplexobj(z):
+            return value, row
+        by = 0.0
+        if self.changes is not None:
+            by = self.mode.gradients(state, self.changes, rates=False)[number]
+        return value + 1j * (row @ z.imag + STEP * by), row
+
+    def seen(self, element: int, guard: int, states: Array) -> tuple[Array, Array]:
+        """What an element watches at states (n, D), and its derivatives (n, D), or (D,)."""
+        if not self._watch(element, guard).force and element not in self._scene.curves:
+            row = self.machine.watched(self._regimes, element, guard)
+            return states @ row, row
+        found = [self.observed(element, guard, z) for z in states]
+        return np.array([value for value, _ in found]), np.array([row for _, row in found])
+
+    def _along(self, k: int, z: Any, row: Any, gap: float, rate: float) -> tuple[Any, Any]:
+        """What a row makes of a state, and its derivative, with what functions add to it."""
+        value = row @ z
+        if k in self._scene.curves:
+            n, own, sign = self._n, self._scene.curves[k], self.mode.scene.elements[k].sign
+            x, v, still = z[:n], z[n : 2 * n], self.mode.scene.curves[k]
+            value = value + sign * (gap * own(x) + rate * (own.gradient(x) @ v))
+            row, along = row.copy(), sign * still.gradient(x.real)
+            row[:n] += gap * along + rate * sign * still.bend(x.real, v.real)
+            row[n : 2 * n] += rate * along
+        return value, row
+
+    def gap_of(self, element: int, z: Any) -> tuple[Any, Any]:
+        """Gap of a stop at a state, and its derivative (D,) by that."""
+        return self._along(element, z, self.machine.gap(element), 1.0, 0.0)
+
+    def rate_of(self, element: int, z: Any) -> tuple[Any, Any]:
+        """Rate of the gap of a stop at a state, and its derivative (D,) by that."""
+        return self._along(element, z, self.machine.rate(element), 0.0, 1.0)
+
+    def kick(self, element: int, z: Any, rubs: Rubs = ()) -> Any:
+        """Change (D,) of a state by an impulse that changes the rate of a gap by one."""
+        if not self.varies:
+            return self.machine.kick(self._regimes, element, rubs)
+        kick = self.mode.kick_in(self._scene, element, z[: self._n], _phase(z))
+        out = np.zeros(len(z), dtype=kick.dtype)
+        out[self._n : 2 * self._n] = kick
+        return out
+
+    def turned(self, element: int, z: Array) -> Array:
+        """Derivative (D, D) of a kick by the state."""
+        n, rows, out = self._n, np.zeros((self._n, 2 * self._n + 1)), np.zeros((len(z), len(z)))
+        by_place = self.mode.kick_by_place(element, z[:n], _phase(z))
+        rows[:, :n], rows[:, -1] = by_place[:, :n], by_place[:, n]
+        out[n : 2 * n] = self.wide(rows, z)
+        return out
+
+    def begun(self, event: Happening, z: Any) -> tuple[Any, Any]:
+        """The state (D,) with which the mode begins after an event, and derivative (D, D) by `z`.
+
+        What begins to hold or to stick loses its rate. Where a chatter follows the stop is put to
+        zero gap.
+        """
+        if not self.varies:
+            put = self.machine.put_on(event.element)
+            matrix = put if event.chatters else self.machine.caught(event.mode, self._regimes)
+            return matrix @ z, matrix.real
+        if not event.chatters and not set(self._regimes.held) - set(event.mode.held):
+            return z, np.eye(len(z))
+
+        def moved(there: Any) -> Any:
+            return self._put(event.element, there) if event.chatters else self._caught(there)
+
+        here = moved(z.real + 0j)
+        there = [moved(z.real + 1j * STEP * unit) for unit in np.eye(len(z))[:-1]]
+        by = (np.array(there) - here).imag.T / STEP
+        return moved(z), np.column_stack([by, np.eye(len(z))[-1]])
+
+    def _put(self, k: int, z: Any) -> Any:
+        """Positions are moved along the gradient so that the gap is zero."""
+        if k not in self._scene.curves:
+            return self.machine.put_on(k) @ z
+        function, x = self._scene.curves[k], z[: self._n]
+        put, way = x.real.copy(), function.gradient(x)
+        rest = self.mode.scene.elements[k].sign * (self.machine.gap(k) @ z)
+        self._oscillator._contacts[k].put(put, -float(rest.real))
+        there = x + way * float((put - x.real) @ way.real / (way.real @ way.real))
+        left, slope = function(there) + rest, function.gradient(there) @ way
+        moved = there - way * (1j * (left / slope).imag)
+        return np.concatenate([put + (1j * moved.imag if moved.imag.any() else 0.0), z[self._n :]])
+
+    def _caught(self, z: Any) -> Any:
+        """What holds or sticks loses its rate, by impulses along all that does."""
+        n, held, elements = self._n, list(self._regimes.held), self.mode.scene.elements
+        mass, rows = self._scene.inertia(z[:n], _phase(z))
+        rates = np.array([elements[k].sign * self.rate_of(k, z)[0] for k in held])
+        response = np.linalg.solve(mass, rows[held].T)
+        lost = response @ np.linalg.solve(rows[held] @ response, rates)
+        return z - np.concatenate([np.zeros(n), lost, np.zeros(3)])
 
     # --- in a chatter -----------------------------------------------------------------------------
 
@@ -160,11 +329,11 @@ class TaylorFlights:
         """Rates (n, D) of states (n, D)."""
         return np.array([self.rate(z) for z in states]).reshape(states.shape)
 
-    def bends(self, row: Array, states: Array) -> tuple[Array, Array]:
-        """First and second derivatives (n,) of a row by time."""
-        rates = self.rates(states)
-        pairs = zip(states, rates, strict=True)
-        return rates @ row, np.array([row @ self.tangent(z) @ rate for z, rate in pairs])
+    def bends(self, element: int, states: Array) -> tuple[Array, Array]:
+        """Second and third derivatives (n,) of a gap by time, at states (n, D)."""
+        found = [self.mode.gap_series(element, self.short(z)) for z in states]
+        series = np.array(found).reshape(len(states), -1)
+        return 2.0 * series[:, 2], 6.0 * series[:, 3]
 
     def lifted(self, states: Array, times: Array) -> tuple[Array, Array]:
         """Derivatives (n, D, D) less 1 of short flights, and changes (n, D) by those of numbers.
@@ -178,32 +347,73 @@ class TaylorFlights:
             if abs(own).sum(axis=1).max() * lasts > _SHORT:
                 out[i] = self.passed(z, lasts)[1] - np.eye(len(z))
                 continue
-            places = lasts * (0.5 + np.array([-0.5, 0.5]) / math.sqrt(3.0))
+            places = lasts * _GAUSS
             a, b = (self.tangent(there) for there in self.whole(self.path(z, lasts).states(places)))
             turned = math.sqrt(3.0) / 12.0 * lasts * (b @ a - a @ b)
             (out[i],) = lifted(0.5 * (a + b) + turned, np.array([lasts]))
         return out, added.reshape(states.shape)
 
+    def rolled(self, element: int, states: Array, times: Array) -> tuple[Array, Array]:
+        """Changes (n, D) of the row of a gap in short flights, and (n,) of what numbers change.
+
+        That is what they change of the function of the coordinates. Of short ones from the mean of
+        the rates, so that nothing cancels.
+        """
+        rows, gaps = np.zeros(states.shape), np.zeros(len(states))
+        if element not in self._scene.curves:
+            return rows, gaps
+        n, sign = self._n, self.mode.scene.elements[element].sign
+        own, still = self._scene.curves[element], self.mode.scene.curves[element]
+        for i, (z, lasts) in enumerate(zip(states, times.tolist(), strict=True)):
+            brief = abs(self.tangent(z)).sum(axis=1).max() * lasts <= _SHORT
+            places = lasts * (_GAUSS if brief else np.array([0.0, 1.0]))
+            x, v = np.split(self.whole(self.path(z, lasts).states(places))[:, : 2 * n], 2, axis=1)
+            weights = np.array([0.5, 0.5]) * lasts if brief else np.array([-1.0, 1.0])
+            turned = still.bend(x, v) if brief else still.gradient(x)
+            rows[i, :n] = sign * (weights @ turned)
+            if self.changes is not None:
+                seen = [own.gradient(a) @ b if brief else own(a) for a, b in zip(x, v, strict=True)]
+                gaps[i] = sign * (weights @ np.array(seen).imag) / STEP
+        return rows, gaps
+
     def force(self, element: int, state: Array) -> tuple[float, float]:
         """Force by which an element holds, and its rate."""
+        force = self.mode.balance(self.short(state))[1][element]
+        return float(force), float(self.force_row(element, state) @ self.rate(state))
+
+    def force_row(self, element: int, state: Array) -> Array:
+        """Derivative (D,) of the force by which an element holds."""
         guards = enumerate(self.mode.guards)
         number, watch = next((i, w) for i, (k, w) in guards if k == element and w.force)
-        row = self.wide(self.mode.gradients(self.short(state), rates=False)[number], state)
-        force = self.mode.balance(self.short(state))[1][element]
-        return float(force), float(row @ self.rate(state)) / watch.force
+        found = self.mode.gradients(self.short(state), rates=False)[number] / watch.force
+        return self.wide(found, state)
 
 
 Flights = LinearFlights | TaylorFlights
 
 
+def _phase(z: Any) -> Any:
+    """Phase of a state (D,), with its imaginary change."""
+    (s, c), phase = z[-3:-1].real, math.atan2(*z[-3:-1].real)
+    if not np.iscomplexobj(z):
+        return phase
+    return phase + 1j * float(c * z[-3].imag - s * z[-2].imag) / float(s * s + c * c)
+
+
+def same(a: Any, b: Any) -> bool:
+    """Whether guards are the same: what they do may depend on what others hold."""
+    return (a.to, a.gap, a.rate, a.force, a.level) == (b.to, b.gap, b.rate, b.force, b.level)
+
+
 def number_of(guards: Sequence[Any], watch: Any) -> int:
-    """Which of the guards of a regime it is: what it does may depend on what others hold."""
-    own = watch.to, watch.gap, watch.rate, watch.force, watch.level
-    return [(w.to, w.gap, w.rate, w.force, w.level) for w in guards].index(own)
+    """Which of the guards of a regime it is."""
+    return next(k for k, own in enumerate(guards) if same(own, watch))
 
 
 def flights_of(oscillator: Any, machine: Machine, mode: Regimes) -> Flights:
     """The flights of an oscillator in one mode."""
     linear = oscillator._motion is None
-    measures = np.ones(len(machine.flow(mode)))
-    return LinearFlights(machine, mode, measures) if linear else TaylorFlights(oscillator, mode)
+    measures = np.ones(2 * machine.size + len(machine.sliders) + 3)
+    if linear:
+        return LinearFlights(machine, mode, measures)
+    return TaylorFlights(oscillator, machine, mode)

@@ -11,10 +11,10 @@ import numpy as np
 
 from dynkit.core.validation import Array
 from dynkit.orbits.newton import NoConvergence
-from dynkit.systems.impact.elements.element import HALT, JUMP, Element, EventKind
+from dynkit.systems.impact.elements.element import HALT, JUMP, EventKind
 from dynkit.systems.impact.elements.laws import ImpactLaw
 from dynkit.systems.impact.elements.stops import HardStop
-from dynkit.systems.impact.orbits.itineraries.flying import flights_of, number_of
+from dynkit.systems.impact.orbits.itineraries.flying import Flights, flights_of, number_of
 from dynkit.systems.impact.orbits.machine import Machine, Regimes, Rubs
 from dynkit.systems.impact.records.event_counts import element_names
 from dynkit.systems.impact.simulation.automaton import cycled_by, halts
@@ -135,39 +135,17 @@ class Seen(NamedTuple):
         return Seen(self.times[low:high], self.events[low:high], self.states[low:high])
 
 
-def unknown_element(oscillator: ImpactMap) -> Element | None:
-    """The first element along a function, which these equations do not know."""
-    return next((element for element in oscillator._elements if element.curved), None)
-
-
 def has_law(oscillator: ImpactMap) -> bool:
     """Whether a stop has an impact law."""
     return any(isinstance(stop.restitution, ImpactLaw) for stop in oscillator._stops)
 
 
-def check_elements(oscillator: ImpactMap) -> None:
-    """Raise NotImplementedError where there is an `unknown_element`."""
-    element = unknown_element(oscillator)
-    if element is not None:
-        raise NotImplementedError(
-            f"orbits by itinerary know no stop along a function; got {element!r}: "
-            "dynkit.periodic_orbit finds orbits of the map"
-        )
-
-
 def _check_sticks(oscillator: ImpactMap, law: Any) -> None:
     """Raise NotImplementedError where contact with a stop is not known."""
-    if oscillator._motion is None:
-        return
-    where = ""
-    if isinstance(law, ImpactLaw):
-        where = f"with an impact law where energies are not quadratic; got {law!r}"
-    if not oscillator._motion.equations.constant_mass:
-        where = "where the mass matrix depends on the coordinates"
-    if where:
+    if oscillator._motion is not None and isinstance(law, ImpactLaw):
         raise NotImplementedError(
-            f"orbits by itinerary must not stick to a stop {where}: "
-            "dynkit.periodic_orbit finds orbits of the map"
+            "orbits by itinerary must not stick to a stop with an impact law where energies are "
+            f"not quadratic; got {law!r}: dynkit.periodic_orbit finds orbits of the map"
         )
 
 
@@ -248,9 +226,9 @@ def events_seen(
         last = begin
         mode, regime = mode_of(before), automaton.parts.now(run.regimes[before])[guard.element]
         number, z = number_of(regime.guards, guard.watch), reached[k - 1]
+        moving = flights_of(oscillator, machine, mode)
         if not hit:
-            row = machine.watched(mode, guard.element, number)
-            value = flights_of(oscillator, machine, mode).watched(guard.element, number, z)
+            value, row = moving.observed(guard.element, number, z)
             if (
                 guard.element in now
                 or guard.watch.event == JUMP
@@ -264,13 +242,15 @@ def events_seen(
         now.add(guard.element)
         times.append(begin)
         found = Happening(mode, guard.element, number, kicked)
-        events.append(_outcome(machine, found, guard, z) if kicked else found)
+        events.append(_outcome(machine, moving, found, guard, z) if kicked else found)
         states.append(z[:-3])
     shape = len(times), machine.size + oscillator._size
     return Seen(np.array(times), tuple(events), np.array(states).reshape(shape))
 
 
-def _outcome(machine: Machine, event: Happening, guard: Any, z: Array) -> Happening:
+def _outcome(
+    machine: Machine, flights: Flights, event: Happening, guard: Any, z: Array
+) -> Happening:
     """An impact with the piece of its law, and its friction, from the state (D,) just before.
 
     Raises
@@ -279,7 +259,7 @@ def _outcome(machine: Machine, event: Happening, guard: Any, z: Array) -> Happen
         When masses leave open what friction does.
     """
     stop, mode = guard.element, event.kicked
-    approach = -float(machine.rate(stop) @ z)
+    approach = -float(flights.rate_of(stop, z)[0])
     law: Any = machine.elements[stop].restitution
     if isinstance(law, ImpactLaw):
         return event._replace(piece=law.piece(approach))
@@ -320,12 +300,13 @@ def _name(
     phases = run.start.phase + run.start._system.frequency * np.array(times[begin:])
     turn = np.stack([np.sin(phases), np.cos(phases), np.ones_like(phases)], axis=1)
     z = np.concatenate([np.array(states[begin:]), turn], axis=1)
-    rates = z @ machine.rate(k)
-    jumps = -(1.0 + machine.rebounds(k, rates)[0]) * rates
-    z = z + np.outer(jumps, machine.kick(last.mode, k, last.rubs))
-    z = z @ machine.stopped(last.mode, last.rubs).T
     moving = flights_of(run.start._system, machine, last.mode)
-    pressing = -moving.rates(z) @ machine.rate(k)
+    rates = np.array([moving.rate_of(k, state)[0] for state in z])
+    jumps = -(1.0 + machine.rebounds(k, rates)[0]) * rates
+    kicks = [moving.kick(k, state, last.rubs) for state in z]
+    z = (z + jumps[:, None] * np.array(kicks)) @ machine.stopped(last.mode, last.rubs).T
+    bends = np.array([moving.rate_of(k, state)[1] for state in z])
+    pressing = -(moving.rates(z) * bends).sum(axis=1)
     flights, change = np.diff(times[begin:]), abs(np.diff(pressing))
     smooth = np.minimum(pressing[:-1], pressing[1:]) > 2.0 * change
     smooth[1:] &= flights[1:] < flights[:-1]

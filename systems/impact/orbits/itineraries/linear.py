@@ -7,13 +7,13 @@ from typing import Any, final
 
 import numpy as np
 
+from dynkit.core.differences import STEP
 from dynkit.core.validation import Array
 from dynkit.systems.impact.orbits.flights import Curve
 from dynkit.systems.impact.orbits.itineraries.chatter import Chatter
 from dynkit.systems.impact.orbits.itineraries.flying import LinearFlights
 from dynkit.systems.impact.orbits.itineraries.shooting import ShootingSolution
 from dynkit.systems.impact.orbits.machine import (
-    STEP,
     Machine,
     Numbers,
     Regimes,
@@ -107,13 +107,18 @@ class LinearSolution(ShootingSolution):
             ]
         )
 
-    def watch(self, mode: Regimes, element: int, guard: int, z: Any) -> tuple[Any, Any]:
-        row = self.machine.watched(mode, element, guard)
-        return row @ z, row
-
     @property
     def guarded(self) -> Any:
         return (self.guards * self.before).sum(axis=1)
+
+    @cached_property
+    def rates(self) -> Any:
+        rows = [self.machine.rate(int(side)) for side in self.sides]
+        return np.array(rows).reshape(len(rows), self.dimension + 3)
+
+    @property
+    def closing(self) -> Any:
+        return (self.rates * self.before[self.hits]).sum(axis=1)
 
     def acceleration(self, i: int) -> tuple[float, float]:
         k = self.hits[i]

@@ -172,13 +172,13 @@ class ItinerarySolution(Solution):
             sides = np.array([self.itinerary[i].element for i in some])
             speeds = np.where((sides == 1) & system._faces, -0.0, 0.0)
         whole = self.whole[some]
-        found = np.empty((len(some), n + system._size))
+        found = np.empty((len(some), system.dimension))
         found[:, -2] = speeds
         found[:, -1] = self.event_phases[some] % TWO_PI + SHEET * sides * system._several
         for side in np.unique(sides).tolist():
             others = system._others[side]
             here = np.flatnonzero(sides == side)[:, None]
-            kept = np.concatenate([others, n + others, np.arange(2 * n, found.shape[1])])
+            kept = np.concatenate([others, n + others, 2 * n + np.arange(len(system._sliders))])
             found[here[:, 0], :-2] = whole[here, kept]
         return found
 

@@ -10,6 +10,7 @@ from weakref import WeakKeyDictionary
 import numpy as np
 from scipy.linalg import expm
 
+from dynkit.core.differences import STEP
 from dynkit.core.validation import Array
 from dynkit.systems.impact.modes.free_motion import FreeMotion, free_motion
 from dynkit.systems.impact.modes.mode import Transitions
@@ -18,7 +19,7 @@ from dynkit.systems.impact.orbits.flights import Curve
 from dynkit.systems.impact.orbits.itineraries.itinerary import Course
 from dynkit.systems.impact.orbits.itineraries.motion import LATE, ROUNDING, ItinerarySolution, Lap
 from dynkit.systems.impact.orbits.itineraries.terms import Terms
-from dynkit.systems.impact.orbits.machine import STEP, Machine, Numbers
+from dynkit.systems.impact.orbits.machine import Machine, Numbers
 from dynkit.systems.impact.simulation.state import TWO_PI
 
 

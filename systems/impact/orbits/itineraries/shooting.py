@@ -10,6 +10,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from scipy.linalg import null_space
 
+from dynkit.core.differences import STEP
 from dynkit.core.validation import Array
 from dynkit.orbits.multipliers import product_eigenvalues
 from dynkit.orbits.newton import NoSolution
@@ -19,7 +20,7 @@ from dynkit.systems.impact.orbits.itineraries.flying import Flights
 from dynkit.systems.impact.orbits.itineraries.itinerary import Course
 from dynkit.systems.impact.orbits.itineraries.motion import ROUNDING, ItinerarySolution, Lap
 from dynkit.systems.impact.orbits.itineraries.simulated import is_motion
-from dynkit.systems.impact.orbits.machine import STEP, Machine, Regimes
+from dynkit.systems.impact.orbits.machine import Machine, Regimes
 from dynkit.systems.impact.simulation.sampling import sample_run, sample_sliders
 from dynkit.systems.impact.simulation.state import TWO_PI
 
@@ -98,7 +99,8 @@ class ShootingSolution(ItinerarySolution):
     def _carried(self, i: int, chatter: Chatter, changes: Array) -> tuple[Array, Array]:
         flying = self.itinerary[i].kicked
         assert flying is not None
-        return chatter.carried(self.machine, self.flights(flying), changes)
+        flights = self.flights(flying), self.flights(self.following[i].mode)
+        return chatter.carried(self.machine, *flights, changes)
 
     @property
     def _flown(self) -> Any:
@@ -119,9 +121,9 @@ class ShootingSolution(ItinerarySolution):
         assert event.kicked is not None
         flights = self.flights(event.kicked), self.flights(held)
         pushed = float(self.impulses[self.impulse_of[i]])
-        rate = float(self.machine.rate(event.element) @ state) - pushed
+        rate = float(flights[0].rate_of(event.element, state)[0]) - pushed
         r, _ = self.machine.rebound(event.element, event.piece, rate)
-        own = event, flights, held, state, float(abs(self.impulses).max()), r > 0.0
+        own = event, flights, state, float(abs(self.impulses).max()), r > 0.0
         found = Chatter(self.oscillator, self.machine, *own)
         if found.run.impacts and self.durations[i] < found.lasts:
             raise NoSolution("the chatter must be complete before the next event")
@@ -155,15 +157,9 @@ class ShootingSolution(ItinerarySolution):
         return np.asarray(self.after)
 
     @cached_property
-    def rates(self) -> Any:
-        """Rows (k, D) of the rates of the gaps that impacts close."""
-        rows = [self.machine.rate(int(side)) for side in self.sides]
-        return np.array(rows).reshape(len(rows), self.dimension + 3)
-
-    @cached_property
     def _rebounds(self) -> Any:
         """Restitutions, and slopes of rebound velocities over those of the approach: (2, k)."""
-        approach = (self.rates * self.before[self.hits]).sum(axis=1)
+        approach = self.closing
         pieces = [self.itinerary[i].piece for i in self.hits]
         own = zip(self.sides.tolist(), pieces, approach, strict=True)
         found = [self.machine.rebound(*hit) for hit in own]
@@ -185,8 +181,7 @@ class ShootingSolution(ItinerarySolution):
                 found[i] = self.event_phases[i] - TWO_PI * turns
             elif (pair := self.pairs[i]) is not None:
                 found[i] = divided.value(self, i, pair)
-        rates = (self.rates * self.before[self.hits]).sum(axis=1)
-        rates = (1.0 + self.restitutions) * rates + self.impulses
+        rates = (1.0 + self.restitutions) * self.closing + self.impulses
         ended = self.reached[[node - 1 for node in self.course.nodes], : self.dimension]
         missing = np.roll(ended, -1, axis=0) - np.roll(self.lap.states, -1, axis=0)
         return np.concatenate([found, rates, missing.ravel()])
@@ -355,16 +350,22 @@ class ShootingSolution(ItinerarySolution):
 
     @property
     @abstractmethod
+    def rates(self) -> Any:
+        """Derivatives (k, D) of the rates of the gaps that impacts close, by the states before."""
+
+    @property
+    @abstractmethod
+    def closing(self) -> Any:
+        """These rates (k,) just before the impacts."""
+
+    @property
+    @abstractmethod
     def norms(self) -> Array:
         """Times (n,) between events, in units of the fastest changes of scaled states."""
 
     @abstractmethod
     def flights(self, mode: Regimes) -> Flights:
         """The flights in a mode."""
-
-    @abstractmethod
-    def watch(self, mode: Regimes, element: int, guard: int, z: Any) -> tuple[Any, Any]:
-        """What an element watches there at a state (D,), and its derivative (D,)."""
 
     @abstractmethod
     def quotient(self, j: int, row: Any, q: int) -> Any:
@@ -421,9 +422,22 @@ class ShootingSolution(ItinerarySolution):
         late = self.clock * self.chatters[i].lasts if i in self.chatters else 0.0
         return float(self.event_phases[i] + late)
 
+    def watch(self, mode: Regimes, element: int, guard: int, z: Any) -> tuple[Any, Any]:
+        """What an element watches there at a state (D,), and its derivative (D,)."""
+        return self.flights(mode).observed(element, guard, z)
+
     def size_of(self, i: int, element: int, guard: int) -> float:
-        row = self.machine.watched(self.following[i].mode, element, guard)
+        _, row = self.watch(self.following[i].mode, element, guard, self._start(i))
         return float(abs(row) @ self.measures)
+
+    def force_unit(self, i: int, element: int) -> float:
+        """What a contact force after event `i` is measured in."""
+        row = self.flights(self.following[i].mode).force_row(element, self._start(i))
+        return float(abs(row) @ self.measures)
+
+    def _start(self, i: int) -> Array:
+        """The state (D,) from which the flight after event `i` begins, of its chatter contact."""
+        return np.asarray(self.chatters[i].begin if i in self.chatters else self.after[i])
 
     @property
     def bounces(self) -> tuple[Array, Array]:
@@ -490,11 +504,10 @@ class ShootingSolution(ItinerarySolution):
 
     def held_directions(self, node: int) -> Array:
         """Scaled changes (2N, d), orthonormal, that leave what is held before a node in contact."""
-        mode, m = self.itinerary[self.course.nodes[node]].mode, self.measures[: self.dimension]
-        stops = [k for k in mode.held if k < len(self.oscillator._stops)]
-        rows = [
-            row(k)[: self.dimension] for k in stops for row in (self.machine.gap, self.machine.rate)
-        ]
+        i, m = self.course.nodes[node], self.measures[: self.dimension]
+        mode, z = self.itinerary[i].mode, self.before[i]
+        stops, own = [k for k in mode.held if k < len(self.oscillator._stops)], self.flights(mode)
+        rows = [of(k, z)[1][: self.dimension] for k in stops for of in (own.gap_of, own.rate_of)]
         return np.asarray(null_space(np.array(rows).reshape(len(rows), len(m)) * m))
 
     def _in_contact(self, factors: Array) -> Array:

@@ -10,7 +10,6 @@ import numpy as np
 from dynkit.core.validation import Array
 from dynkit.systems.impact.orbits.itineraries.finding import guess_of, sizes_of
 from dynkit.systems.impact.orbits.itineraries.itinerary import (
-    check_elements,
     events_seen,
     from_release,
 )
@@ -47,7 +46,6 @@ def sticking_guesses(oscillator: ImpactMap, periods: int) -> Iterator[Guess]:
     """
     if not oscillator._excitation.turns:
         raise ValueError("system must be driven: amplitude and harmonic_forces are zero")
-    check_elements(oscillator)
     for state in _starts(oscillator):
         yield from released(oscillator, state, periods, RELEASES)
 
@@ -60,7 +58,6 @@ def sticking_guess(system: ImpactMap, state: ImpactState, periods: int) -> Guess
     ValueError
         When it does not stick, or not some periods later.
     """
-    check_elements(system)
     for guess in released(system, state, periods, 1):
         return guess
     raise ValueError(

@@ -10,21 +10,19 @@ import numpy as np
 from numpy.polynomial import Chebyshev, chebyshev, polynomial
 from scipy.special import factorial
 
-from dynkit.core.differences import numerical_derivative
+from dynkit.core.differences import STEP
 from dynkit.core.validation import Array
 from dynkit.orbits.newton import NoSolution
 from dynkit.systems.impact.orbits.flights import Curve
 from dynkit.systems.impact.orbits.itineraries.chatter import Chatter
 from dynkit.systems.impact.orbits.itineraries.divided import Pair
 from dynkit.systems.impact.orbits.itineraries.flying import TaylorFlights
-from dynkit.systems.impact.orbits.itineraries.itinerary import Course, Happening
+from dynkit.systems.impact.orbits.itineraries.itinerary import Course
 from dynkit.systems.impact.orbits.itineraries.motion import ROUNDING, Lap
 from dynkit.systems.impact.orbits.itineraries.shooting import Scene, ShootingSolution
-from dynkit.systems.impact.orbits.machine import STEP, Machine, Numbers
-from dynkit.systems.impact.variational.taylor_derivative import DIFFERENCES, gradient
+from dynkit.systems.impact.orbits.machine import Machine, Numbers
 
 if TYPE_CHECKING:
-    from dynkit.systems.impact.elements.element import Watch
     from dynkit.systems.impact.modes.taylor_mode import Path
     from dynkit.systems.impact.orbits.machine import Regimes
 
@@ -66,11 +64,11 @@ class TaylorSolution(ShootingSolution):
         known = None if still is None else still.chatters
         super().__init__(scene, course, lap, pairs, driven, known)
         self._still, self._changes = still, changes or {}
-        self._kicks: dict[int, Array] = {}
-        self._turned: dict[int, Array] = {}
+        self._kicks: dict[int, Any] = {}
+        self._put: dict[int, Array] = {}
 
     def flights(self, mode: Regimes) -> TaylorFlights:
-        return TaylorFlights(self.oscillator, mode, self._changes.get(mode))
+        return TaylorFlights(self.oscillator, self.machine, mode, self._changes.get(mode))
 
     @cached_property
     def _modes(self) -> list[TaylorFlights]:
@@ -92,9 +90,9 @@ class TaylorSolution(ShootingSolution):
             before[i, :d], before[i, d:] = state, self._turning[i]
             pushed = before[i]
             if event.kicked:
-                impulse = self.impulses[self.impulse_of[i]]
-                pushed = pushed + impulse * self._kick(i, event.kicked, before[i])
-            after[i] = self._reset(i) @ pushed
+                self._kicks[i] = self.flights(event.kicked).kick(event.element, before[i])
+                pushed = pushed + self.impulses[self.impulse_of[i]] * self._kicks[i]
+            after[i], self._put[i] = self._modes[i].begun(event, pushed)
             start, lasts = after[i], self.durations[i]
             if event.chatters:
                 chatters[i] = self._chatter(i, after[i])
@@ -103,31 +101,6 @@ class TaylorSolution(ShootingSolution):
             reached[i], flown[i] = self._flight(i, start, lasts)
             state = reached[i, :d]
         return before, after, reached, flown, chatters
-
-    def _reset(self, i: int) -> Any:
-        event, after = self.itinerary[i], self.following[i]
-        if event.chatters:
-            return self.machine.put_on(event.element)
-        return self.machine.caught(event.mode, after.mode)
-
-    def _kick(self, i: int, kicked: Regimes, z: Array) -> Array:
-        flights, k, n = self.flights(kicked), self.itinerary[i].element, self.dimension // 2
-        if flights.mode.constant_kicks:
-            self._kicks[i] = self.machine.kick(kicked, k)
-            return np.asarray(self._kicks[i])
-        out = np.zeros(len(z))
-
-        def kick(given: Array) -> Array:
-            return np.asarray(flights.mode.kick(k, given[:n], float(given[n])))
-
-        here = np.append(z[:n], np.arctan2(z[-3], z[-2]))
-        out[n : 2 * n] = kick(here)
-        by_place = numerical_derivative(kick, here, accuracy=DIFFERENCES)[0]
-        rows = np.zeros((n, 2 * n + 1))
-        rows[:, :n], rows[:, -1] = by_place[:, :n], by_place[:, n]
-        self._turned[i] = flights.wide(rows, z)
-        self._kicks[i] = out
-        return out
 
     def _flight(self, i: int, z: Array, lasts: Any) -> tuple[Array, Array]:
         """State (D,) at the next event, and derivative (D, D) by the one from which it flies.
@@ -151,12 +124,13 @@ class TaylorSolution(ShootingSolution):
 
     @cached_property
     def resets(self) -> Any:
-        n, out = self.dimension // 2, []
-        for i in range(self.events):
-            reset = np.eye(self.dimension + 3)
-            if len(self.before) and i in self._turned:
-                reset[n : 2 * n] += self.impulses[self.impulse_of[i]] * self._turned[i]
-            out.append(self._reset(i) @ reset)
+        before, out = self.before, []
+        for i, event in enumerate(self.itinerary):
+            reset = self._put[i]
+            if event.kicked and (flights := self.flights(event.kicked)).varies:
+                turned = flights.turned(event.element, before[i])
+                reset = reset @ (np.eye(len(reset)) + self.impulses[self.impulse_of[i]] * turned)
+            out.append(reset)
         return np.array(out)
 
     @cached_property
@@ -165,24 +139,6 @@ class TaylorSolution(ShootingSolution):
         return np.array([flights.rate(z) for flights, z in pairs])
 
     # --- what is watched --------------------------------------------------------------------------
-
-    def _observed(self, event: Happening) -> Watch:
-        """What is zero at an event."""
-        own = self.machine.elements[event.element].regimes[event.mode.numbers[event.element]]
-        return own.guards[event.guard]
-
-    def watch(self, mode: Regimes, element: int, guard: int, z: Array) -> tuple[Any, Array]:
-        if not self._observed(Happening(mode, element, guard)).force:
-            row = self.machine.watched(mode, element, guard)
-            return row @ z, row
-        flights, now = self.flights(mode), z.real
-        there, state = flights.mode, flights.short(now)
-        number, value = flights.guard(element, guard), flights.watched(element, guard, now)
-        row = flights.wide(gradient(there, number, state), now)
-        if self._still is None:
-            return value, row
-        by = there.gradients(state, self._changes[mode], rates=False)[number]
-        return value + 1j * (row @ z.imag + STEP * by), row
 
     @cached_property
     def _watched(self) -> tuple[Array, Array]:
@@ -201,29 +157,43 @@ class TaylorSolution(ShootingSolution):
     def guarded(self) -> Any:
         return self._watched[0]
 
+    @cached_property
+    def _approach(self) -> tuple[Any, Array]:
+        """Rates (k,) of gaps just before impacts, and their derivatives (k, D)."""
+        before, own = self.before, self.hits
+        found = [
+            self.flights(self.itinerary[i].mode).rate_of(self.itinerary[i].element, before[i])
+            for i in own
+        ]
+        rates = np.array([rate for rate, _ in found])
+        return rates, np.array([row for _, row in found]).reshape(len(own), self.dimension + 3)
+
+    @property
+    def closing(self) -> Any:
+        return self._approach[0]
+
+    @property
+    def rates(self) -> Any:
+        return self._approach[1]
+
     def acceleration(self, i: int) -> tuple[float, float]:
-        k, row = self.hits[i], self.machine.rate(int(self.sides[i]))
+        k = self.hits[i]
+        _, row = self._modes[k].rate_of(int(self.sides[i]), self.after[k])
         terms = row * self._modes[k].rate(self.after[k])
         return float(terms.sum()), ROUNDING * float(abs(terms).sum())
 
     def _path(self, i: int) -> tuple[Path, float]:
         """The flight after event `i`, of its chatter contact, and for how long it is late."""
-        start, late = self.after[i], 0.0
-        if i in self.chatters:
-            start, late = self.chatters[i].begin, self.chatters[i].lasts
-        return self._modes[i].path(start, float(self.durations[i]) - late), late
+        late = self.chatters[i].lasts if i in self.chatters else 0.0
+        return self._modes[i].path(self._start(i), float(self.durations[i]) - late), late
 
     def curve(self, i: int, element: int, guard: int = 0) -> Curve:
-        mode, (path, late) = self.following[i].mode, self._path(i)
-        watch = self._observed(Happening(mode, element, guard))
-        row, parts, size = self.machine.watched(mode, element, guard), [], 0.0
+        (path, late), flights, parts, size = self._path(i), self._modes[i], [], 0.0
         for begin, end in pairwise([*path.ends[:-1].tolist(), path.reach]):
             places = 0.5 * (begin + end) + 0.5 * (end - begin) * _PLACES
-            z = self._modes[i].whole(path.states(places))
-            values = z @ row
-            if watch.force:
-                values = np.array([self.watch(mode, element, guard, here)[0] for here in z])
-            size = max(size, float((abs(z) @ abs(row)).max()))
+            z = flights.whole(path.states(places))
+            values, rows = flights.seen(element, guard, z)
+            size = max(size, float((abs(z) * abs(rows)).sum(axis=1).max()))
             parts.append(Chebyshev(_COEFFICIENTS @ values, domain=[begin, end]))
         orders = [[part.deriv(k) if k else part for part in parts] for k in range(3)]
 
@@ -314,12 +284,6 @@ class TaylorSolution(ShootingSolution):
     # --- the motion -------------------------------------------------------------------------------
 
     def change(self, change: tuple[Array, Numbers]) -> Array | None:
-        """Their derivative (m,) by a change of all numbers; None where it is not known.
-
-        That is where masses vary.
-        """
-        if not all(flights.mode.constant_kicks for flights in self._modes):
-            return None
         modes = sorted({event.mode for event in self.itinerary})
         ends = np.cumsum([len(self.flights(mode).mode.numbers) for mode in modes])
         parts = dict(zip(modes, np.split(change[1].flights, ends[:-1]), strict=True))
