@@ -108,17 +108,19 @@ def describe_counts(impacts: int, counts: Mapping[str, int]) -> str:
     impacts : int
         The largest n of P(n,m).
     counts : mapping
-        Numbers of random ``guesses``, of ``starts``, and of ``impacts`` simulated from them.
+        Numbers of random ``guesses``, where there are closed forms; of ``starts``, and of
+        ``impacts`` simulated from them.
     """
+    motions = f"{counts['impacts']} impacts simulated from {counts['starts']} starts"
+    near = f"near returns among {motions}"
+    if "guesses" not in counts:
+        return f"from {near}"
     text = "P(1,m) from their closed form"
     if counts["guesses"]:
         guessed = "P(2,m)" if impacts == 2 else "P(2,m) and P(3,m)"
         text += f", {guessed} from {counts['guesses']} random guesses"
     if counts["starts"]:
-        text += (
-            f", P(2,m) and more from near returns among {counts['impacts']} impacts simulated "
-            f"from {counts['starts']} starts"
-        )
+        text += f", P(2,m) and more from {near}"
     return text
 
 

@@ -235,13 +235,3 @@ def test_a_chain_of_toda_slips_and_sticks() -> None:
     assert np.poly(orbit.multipliers) == pytest.approx(
         np.poly(np.linalg.eigvals(jacobian)), abs=1e-8
     )
-
-
-def test_what_is_not_known_is_refused_by_name() -> None:
-    bead: Any = Bead(frequency=0.7, offset=0.1, amplitude=0.4, restitution=0.3)
-    with pytest.raises(NotImplementedError, match="where the mass matrix depends on the coord"):
-        bead.attractor().periodic_orbit()
-    chain = Disguised(masses=2, frequency=0.9)
-    for search in (chain.find_orbits, chain.periodic_orbits):
-        with pytest.raises(NotImplementedError, match="searches for orbits need quadratic"):
-            search()

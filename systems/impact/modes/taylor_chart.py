@@ -28,7 +28,9 @@ _MOST_KEPT = 64
 """Compiled integrators that are kept."""
 
 _LARGE = 60
-"""From so many equations on heyoka's code is made compact, which compiles much faster."""
+"""From so many equations on heyoka's code is made compact, which compiles much faster.
+
+So is that of variations where masses vary: for two masses in 2 s instead of 32, and half as fast."""
 
 _SHORTEST = 1e-3
 """Least limit of steps, in radians of the phase."""
@@ -64,7 +66,7 @@ def _variations(plan: Plan) -> Any:
     return hy.taylor_adaptive(
         system,
         [0.0] * len(variables),
-        compact_mode=len(system.sys) > _LARGE,
+        compact_mode=plan.eliminates or len(system.sys) > _LARGE,
     )
 
 
@@ -85,7 +87,7 @@ def _changing(plan: Plan, places: tuple[int, ...]) -> Any:
     rates, part = _moved(hy, plan, places, rates)
     pairs = list(zip(variables, rates, strict=True))
     system = hy.var_ode_sys(pairs, [part])
-    large = len(system.sys) > _LARGE
+    large = plan.eliminates or len(system.sys) > _LARGE
     return hy.taylor_adaptive(system, [0.0] * len(variables), compact_mode=large)
 
 

@@ -38,7 +38,7 @@ def find_orbits(
 
     P(n,m), then those of larger impulses: of one impact all there are, from the closed form; of
     more from 200 guesses at random phases, always the same. P(inf,m), then those of smaller phases:
-    from the releases of some motions.
+    from the releases of some motions. Where energies are not quadratic, P(inf,m) alone.
 
     Raises
     ------
@@ -47,7 +47,8 @@ def find_orbits(
     """
     m, began = positive_integer("periods", periods), time.perf_counter()
     guesses: Iterator[tuple[ImpactProblem, Array]]
-    has_table_alone(oscillator)
+    if not (sticking and oscillator._motion is not None):
+        has_table_alone(oscillator)
     if sticking:
         guesses = sticking_guesses(oscillator, m)
     else:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 from collections import Counter
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -34,6 +34,9 @@ from dynkit.systems.impact.simulation.state import TWO_PI
 if TYPE_CHECKING:
     from dynkit.systems.impact.impact_map import ImpactMap
     from dynkit.systems.impact.records.record import ImpactRecord
+
+Guessed = Callable[["ImpactRecord", int, int, int], "tuple[ItineraryEquations, Array] | None"]
+"""What makes equations and unknowns of a record, a place in it, and the impacts and periods."""
 
 GUESSED = 3
 """Orbits of at most so many impacts are sought from random phases, too."""
@@ -67,7 +70,7 @@ def search(oscillator: ImpactMap, impacts: object, periods: object) -> OrbitSear
         parts = list(_simulated(oscillator))
         counts |= {"starts": 1 + RANDOM, "impacts": sum(len(part) for part in parts)}
         counts["returns"] = sum(
-            _add_returns(found, part, impacts_of, m)
+            add_returns(found, part, impacts_of, m, _near)
             for impacts_of in range(2, n + 1)
             for part in parts
         )
@@ -105,7 +108,9 @@ def _simulated(oscillator: ImpactMap) -> Iterator[ImpactRecord]:
         yield oscillator.simulate(impacts=PART, start=oscillator.impact_state(start))
 
 
-def _add_returns(found: Found, record: ImpactRecord, impacts: int, periods: int) -> int:
+def add_returns(
+    found: Found, record: ImpactRecord, impacts: int, periods: int, guessed: Guessed
+) -> int:
     """Try the closest returns after so many impacts and up to so many periods; return how many.
 
     A return is not tried where an orbit that was found is nearer to it than it comes to itself.
@@ -128,7 +133,7 @@ def _add_returns(found: Found, record: ImpactRecord, impacts: int, periods: int)
         if m > periods or tried[m] == RETURNS or distance > best:
             continue
         try:
-            near = _near(record, place, n, m)
+            near = guessed(record, place, n, m)
         except NoSolution:
             continue
         if near is not None and not found.holds(*near, distance):

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from functools import cached_property
-from typing import TYPE_CHECKING, Any, ClassVar, final
+from typing import TYPE_CHECKING, Any, final
 
 import numpy as np
 
@@ -55,9 +55,6 @@ class LinearFlights:
         """Derivatives (n, D, D) less 1 of short flights, and changes (n, D) by those of numbers."""
         flown = lifted(self._flow, times)
         return flown.real, (flown.imag / STEP @ states[:, :, None])[..., 0]
-
-    varies: ClassVar[bool] = False
-    """Whether rows and kicks depend on the state."""
 
     def observed(self, element: int, guard: int, z: Any) -> tuple[Any, Any]:
         """What an element watches at a state, guard number `guard` of its regime; derivative (D,).

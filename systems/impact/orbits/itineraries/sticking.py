@@ -13,6 +13,7 @@ from dynkit.systems.impact.orbits.itineraries.itinerary import (
     events_seen,
     from_release,
 )
+from dynkit.systems.impact.orbits.itineraries.motions import simulated_motions
 from dynkit.systems.impact.orbits.machine import Machine
 from dynkit.systems.impact.simulation.state import TWO_PI, ImpactState, Motion, state_at
 
@@ -87,7 +88,14 @@ def released(system: ImpactMap, state: ImpactState, periods: int, most: int) -> 
 
 
 def _starts(oscillator: ImpactMap) -> Iterator[ImpactState]:
-    """Releases of steady and of random motions in contact with a stop; a state after a while."""
+    """Releases of steady and of random motions in contact with a stop; a state after a while.
+
+    Where energies are not quadratic the ends of simulated motions that stick.
+    """
+    if oscillator._motion is not None:
+        motions = simulated_motions(oscillator)
+        yield from (record.final for record in motions if len(record.sticking))
+        return
     phases = np.linspace(0.0, TWO_PI, 720, endpoint=False)
     random, m = np.random.default_rng(0), Machine(oscillator)
     turning = np.stack([np.sin(phases), np.cos(phases), np.ones_like(phases)], axis=1)

@@ -1,0 +1,89 @@
+"""Search for orbits where energies are not quadratic: from returns of simulated motions."""
+
+from __future__ import annotations
+
+import time
+from functools import partial
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from dynkit.continuation.initial_orbits import describe_counts
+from dynkit.core.cost import Cost
+from dynkit.core.no_motion import NoMotion
+from dynkit.core.validation import Array
+from dynkit.orbits.newton import NoConvergence, NoSolution
+from dynkit.orbits.search import OrbitSearch
+from dynkit.systems.impact.orbits.finding import Found
+from dynkit.systems.impact.orbits.itineraries.equations import ItineraryEquations
+from dynkit.systems.impact.orbits.itineraries.finding import guess_of
+from dynkit.systems.impact.orbits.itineraries.itinerary import events_seen
+from dynkit.systems.impact.orbits.itineraries.motions import STARTS, simulated_motions
+from dynkit.systems.impact.orbits.orbit import ImpactOrbit
+from dynkit.systems.impact.orbits.searching import add_returns
+from dynkit.systems.impact.simulation.state import TWO_PI
+
+if TYPE_CHECKING:
+    from dynkit.systems.impact.impact_map import ImpactMap
+    from dynkit.systems.impact.records.record import ImpactRecord
+
+
+def search_returns(oscillator: ImpactMap, impacts: int, periods: int) -> OrbitSearch[ImpactOrbit]:
+    """Orbits up to P(n,m), and what was searched: see `ImpactOscillator.find_orbits`.
+
+    Raises
+    ------
+    ValueError
+        When nothing drives the oscillator.
+    NotImplementedError
+        When there is no hard stop.
+    """
+    began, found = time.perf_counter(), Found()
+    if not oscillator._excitation.turns:
+        raise ValueError("system must be driven: amplitude and harmonic_forces are zero")
+    if oscillator._strobed:
+        raise NotImplementedError(
+            f"these orbits are those of hard stops; got {oscillator._elements!r}: "
+            "dynkit.find_orbits finds orbits of the map"
+        )
+    parts = list(simulated_motions(oscillator))
+    own = [[abs(x).max(initial=0.0) for x in (p.position, p.velocity)] for p in parts if len(p)]
+    near = partial(near_return, sizes=np.max([*own, [0.0, 0.0]], axis=0).tolist())
+    counts = {"starts": 1 + STARTS, "impacts": sum(len(part) for part in parts)}
+    counts["returns"] = sum(
+        add_returns(found, part, impacts_of, periods, near)
+        for impacts_of in range(1, impacts + 1)
+        for part in parts
+    )
+    states = np.concatenate([np.empty((0, oscillator.dimension)), *(p.states for p in parts)])
+    region = np.full((oscillator.dimension, 2), np.nan)
+    if len(states):
+        region = np.stack([states.min(axis=0), states.max(axis=0)], axis=1)
+    orbits = sorted(found.orbits(began), key=lambda orbit: (orbit.impacts, orbit.periods))
+    cost = Cost(time.perf_counter() - began, counts)
+    message = f"P(1,1) to P({impacts},{periods}): {describe_counts(impacts, counts)}"
+    return OrbitSearch(oscillator, impacts, 0, region, message, orbits, cost)
+
+
+def near_return(
+    record: ImpactRecord, place: int, impacts: int, periods: int, sizes: list[float]
+) -> tuple[ItineraryEquations, Array] | None:
+    """Equations and unknowns of P(n,m) for some impacts; None where the motion sticks.
+
+    Sizes are those of positions and velocities.
+
+    Raises
+    ------
+    NoSolution
+        When the motion is none that equations by itinerary know.
+    """
+    system: Any = record.system
+    try:
+        run = system._run(system.impact_state(record.states[place]), impacts, store=True)
+        seen = events_seen(system, run)
+        if any(event.chatters for event in seen.events) or run.impacts != impacts:
+            return None
+        length = periods * TWO_PI / system.frequency
+        return guess_of(system, run.start.phase, seen, periods, length, sizes)
+    except (NoMotion, NoConvergence) as refusal:
+        raise NoSolution(str(refusal)) from refusal

@@ -1,0 +1,64 @@
+"""Linear machines in other coordinates: their mass matrices vary, and so do the rows of stops."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import sympy as sp
+
+from dynkit.systems import HardStop, ImpactChain, ImpactOscillator
+
+
+@dataclass(frozen=True, kw_only=True)
+class Bent(ImpactOscillator):
+    """The chain of one or two masses, whose displacements are bent functions of the coordinates.
+
+    The last one is q + last q^3, the first one of two also holds the square of the second.
+    """
+
+    masses: int = 2
+    damping: float = 0.1
+    bend: float = 0.1
+    last: float = 0.12
+
+    @property
+    def degrees_of_freedom(self) -> int:
+        return self.masses
+
+    def places(self, q: Any) -> list[Any]:
+        """Return the displacements of the chain."""
+        end = q[-1] + self.last * q[-1] ** 3
+        return [*(y + self.bend * y**3 + self.bend * q[-1] ** 2 for y in q[:-1]), end]
+
+    def _speeds(self, q: Any, v: Any) -> list[Any]:
+        return [sum(p.diff(y) * u for y, u in zip(q, v, strict=True)) for p in self.places(q)]
+
+    def kinetic(self, x: Any, v: Any) -> Any:  # type: ignore[override]
+        return sum(u**2 for u in self._speeds(x, v)) / 2
+
+    def potential(self, x: Any) -> Any:
+        return _springs(self.places(x)) / 2
+
+    def dissipation(self, x: Any, v: Any) -> Any:  # type: ignore[override]
+        return self.damping * _springs(self._speeds(x, v)) / 2
+
+    def end(self, x: Any) -> Any:
+        """Return the displacement of the last mass."""
+        return self.places(x)[-1]
+
+
+def _springs(x: list[Any]) -> Any:
+    return sum((b - a) ** 2 for a, b in zip([sp.Integer(0), *x], x, strict=False))
+
+
+def both(
+    masses: int, *, straight: bool = False, restitution: float = 0.85, **given: Any
+) -> tuple[Any, Any]:
+    """The chain, and the bent one; straight where the stop acts along a coordinate."""
+    given = {"damping": 0.15, **given}  # numbers that are equal would be one
+    exact = ImpactChain(masses=masses, restitution=restitution, **given)
+    at: Any = masses - 1 if straight else "end"
+    table = HardStop(at, amplitude=0.1, restitution=restitution, name="table")
+    last = 0.0 if straight else 0.12
+    return exact, Bent(masses=masses, last=last, elements=[table], **given)
