@@ -167,7 +167,7 @@ def test_an_arm_before_a_wall_has_the_multipliers_of_its_map() -> None:
     known = np.linalg.eigvals(system.jacobian(orbit.states[0]))
     found = np.append(orbit.multipliers, [0.0, 0.0])
     assert np.poly(found) == pytest.approx(np.poly(known), abs=1e-10)
-    branch = continue_orbit(orbit, "floor.offset", bounds=(0.19, 0.21))
+    branch = continue_orbit(orbit, "floor.offset", bounds=(0.198, 0.202))
     there = branch.orbit(0)
     settled = there.system.attractor(
         start=orbit.system.impact_state(orbit.states[0]), transient=300
@@ -215,12 +215,13 @@ def test_a_search_finds_orbits_that_stick() -> None:
     exact, bent = both(**CASES["one mass sticks"])
     one, two = (system.periodic_orbit(sticking=True) for system in (exact, bent))
     assert (one.label, two.admissible) == (two.label, True)
-    assert abs(one.phases - two.phases).max() <= one.error + two.error
+    apart = np.sin(0.5 * (one.phases - two.phases))
+    assert abs(apart).max() <= one.error + two.error
 
 
 def test_a_search_needs_a_hard_stop_and_a_drive() -> None:
     soft = ARM.replace(elements=[SoftStop(0, offset=-0.1, stiffness=20.0)])
-    with pytest.raises(NotImplementedError, match="those of hard stops; got .*SoftStop"):
+    with pytest.raises(NotImplementedError, match="these orbits are those of hard stops; got"):
         soft.find_orbits()
     with pytest.raises(ValueError, match="system must be driven"):
         ARM.replace(**{"floor.amplitude": 0.0}, harmonic_forces=()).find_orbits()

@@ -30,7 +30,7 @@ _MOST_KEPT = 64
 _LARGE = 60
 """From so many equations on heyoka's code is made compact, which compiles much faster.
 
-So is that of variations where masses vary: for two masses in 2 s instead of 32, and half as fast."""
+So is that of variations where masses vary: for two masses in 2 s instead of 32, half as fast."""
 
 _SHORTEST = 1e-3
 """Least limit of steps, in radians of the phase."""

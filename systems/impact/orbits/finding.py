@@ -57,7 +57,8 @@ def find_orbits(
         guesses = one_impact(oscillator, m) if n == 1 else random_guesses(oscillator, n, m)
     found = Found()
     for problem, guess in guesses:
-        found.add(problem, guess)
+        if not found.holds(problem, guess, APART):
+            found.add(problem, guess)
     return found.orbits(began)
 
 

@@ -7,7 +7,6 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from dynkit.core.differences import numerical_derivative
 from dynkit.core.validation import Array
 from dynkit.systems.impact.elements.laws import ImpactLaw, Restitution, share
 
@@ -23,9 +22,6 @@ _PLACE = 1000.0
 
 _TURN = 1e-4
 """Distance over which the second difference of a kick is taken, of a velocity below one."""
-
-_DIFFERENCES = 2.0**-50
-"""Relative error of accelerations of which differences are taken."""
 
 
 def chatter(
@@ -90,13 +86,7 @@ def coupling(mode: TaylorMode, chart: Chart, k: int, state: Array) -> tuple[floa
         by_x, by_v = by_x - regime.stiffness * along, by_v - regime.damping * along
     by_x, by_v = (np.asarray(np.linalg.solve(mass, part), dtype=float) for part in (by_x, by_v))
     if curved or not scene.motion.equations.constant_mass:
-
-        def accelerations(given: Array) -> Array:
-            there = state.copy()
-            there[0, :-1] = given
-            return mode.balance(there)[0]
-
-        by_x = numerical_derivative(accelerations, x, accuracy=_DIFFERENCES)[0]
+        by_x = mode.gradients(state, rates=True)[:, :n]
     if curved:
         return _along_function(mode, k, state, by_x, by_v)
     by_gap = chart.to_v @ by_x @ chart.back_x[:, p]

@@ -23,8 +23,8 @@ from dynkit.systems.impact.orbits.machine import Machine
 from dynkit.systems.impact.simulation.state import Motion, beside, state_at
 from dynkit.systems.impact.simulation.trajectory import Trajectory, grouped
 
-CHUNK, MOST = 128, 8192
-"""Impacts of a chatter that are simulated at first, and at most."""
+CHUNK, TAYLOR_CHUNK, MOST = 128, 32, 8192
+"""Impacts of a chatter that are simulated at first, also by Taylor's method, and at most."""
 
 _NEARLY = 1e-3
 """A chatter nearly completes where its slowest impact is so slow, beside the fastest of all."""
@@ -99,7 +99,7 @@ class Chatter:
         self.begin = self._landed(self._held, last)[0]
 
     def _to_contact(self, oscillator: Any, start: Any, fastest: float) -> Trajectory:
-        count = CHUNK
+        count = CHUNK if oscillator._motion is None else TAYLOR_CHUNK
         while True:
             run: Trajectory = oscillator._run(start, count, store=True)
             contact = run.guards[run.switches.guard, 3] == EventKind.CONTACT
