@@ -121,6 +121,8 @@ class Walled(Bob):
 
 @pytest.mark.parametrize("restitution", [0.8, 0.3])
 def test_a_wall_is_a_stop_on_the_angle(restitution: float) -> None:
+    one: Any
+    two: Any
     own: dict[str, Any] = {"restitution": restitution, "side": "below", "name": "wall"}
     angle = HardStop(0, offset=math.asin(0.25), **own)
     wall = HardStop("beside", offset=0.25, **own)
