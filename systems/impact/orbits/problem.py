@@ -37,8 +37,9 @@ def has_table_alone(oscillator: ImpactMap) -> None:
     """Raise NotImplementedError where other elements than a table act, or energies are smooth."""
     if oscillator._motion is not None:
         raise NotImplementedError(
-            "searches for orbits need quadratic energies, and those of this structure are not: "
-            "periodic_orbit(start=...) and attractor.periodic_orbit() find those near a motion"
+            "orbits from phases need quadratic energies, and those of this structure are not: "
+            "find_orbits() searches, periodic_orbit(start=...) and attractor.periodic_orbit() find "
+            "those near a motion"
         )
     laws = [stop for stop in oscillator._stops if isinstance(stop.restitution, ImpactLaw)]
     for element in (*oscillator._own, *laws):

@@ -38,7 +38,7 @@ def _pair(oscillator: ImpactMap, itinerary: Itinerary, i: int) -> Pair | None:
     if event.element < 0 or event.kicked:
         return None
     number = event.mode.numbers[event.element]
-    own = _watch(oscillator, event)
+    own = watch_of(oscillator, event)
     if own.stretch:
         return _slipped(oscillator, itinerary, i, own.to)
     for back in range(1, n):
@@ -46,7 +46,7 @@ def _pair(oscillator: ImpactMap, itinerary: Itinerary, i: int) -> Pair | None:
         other = itinerary[first]
         if other.element != event.element or other.kicked:
             continue
-        before = _watch(oscillator, other)
+        before = watch_of(oscillator, other)
         sticks = other.element in other.mode.held
         if sticks and back == 1 and own.rate and not (own.gap or own.force):
             return Pair(first, max(before.order, 1))
@@ -62,12 +62,13 @@ def _slipped(oscillator: ImpactMap, itinerary: Itinerary, i: int, to: int) -> Pa
     for back in range(1, n):
         halt = itinerary[(i - back) % n]
         if number := halt.mode.numbers[k]:
-            slid = number == to and not halt.kicked and _watch(oscillator, halt).rate
+            slid = number == to and not halt.kicked and watch_of(oscillator, halt).rate
             return Pair((i - back) % n, 2 if back == 1 else 1) if slid else None
     return None
 
 
-def _watch(oscillator: ImpactMap, event: Happening) -> Any:
+def watch_of(oscillator: ImpactMap, event: Happening) -> Any:
+    """What is zero at an event."""
     regimes = oscillator._elements[event.element].regimes
     return regimes[event.mode.numbers[event.element]].guards[event.guard]
 

@@ -254,13 +254,11 @@ class ItineraryEquations(ImpactProblem):
 
     def _row(self, machine: Machine, event: Happening) -> Array:
         """Row (D,) of the size of what is watched at an event."""
-        element, n = machine.elements[event.element], machine.size
-        if not element.curved:
+        if not machine.elements[event.element].curved:
             return np.asarray(machine.watched(event.mode, event.element, event.guard))
-        watch = element.regimes[event.mode.numbers[event.element]].guards[event.guard]
-        row = np.zeros_like(self._measures)
-        row[:n], row[n : 2 * n] = abs(watch.gap), abs(watch.rate)
-        row[n : 2 * n] += abs(watch.force) * self.oscillator.frequency * np.diag(machine.mass)
+        watch, row = divided.watch_of(self.oscillator, event), np.zeros_like(self._measures)
+        pushed = watch.force * self.oscillator.frequency * float(machine.mass.max())
+        row[0], row[machine.size] = watch.gap, watch.rate + pushed
         return row
 
     def residual(self, x: Array, p: Array) -> Array:
