@@ -284,6 +284,7 @@ class TaylorSolution(ShootingSolution):
     # --- the motion -------------------------------------------------------------------------------
 
     def change(self, change: tuple[Array, Numbers]) -> Array | None:
+        """Their derivative (m,) by a change of all numbers."""
         modes = sorted({event.mode for event in self.itinerary})
         ends = np.cumsum([len(self.flights(mode).mode.numbers) for mode in modes])
         parts = dict(zip(modes, np.split(change[1].flights, ends[:-1]), strict=True))
