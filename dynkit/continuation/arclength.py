@@ -16,6 +16,7 @@ from dynkit.continuation.orbit_equations import CurveEquations
 from dynkit.continuation.points import Point, beside, interpolated, rescaled
 from dynkit.continuation.termination import Bound, Ending, Reason
 from dynkit.core.validation import Array
+from dynkit.orbits.newton import Direction, correct
 
 _LARGEST_ANGLE = 0.5
 # Largest distance of a point from its guess, in steps.
@@ -166,6 +167,27 @@ class Continuation:
         if not _ahead(point, found) or gap @ gap > (_LARGEST_GAP * step) ** 2:
             return _JUMPS
         return found if self._is_same(point, guess, found) else _NEAR_REPETITION
+
+    def between(self, before: Point, after: Point, part: float) -> Point | Failure:
+        """Return the point at a part, from 0 to 1, of the way between two, or why there is none.
+
+        Its direction is that of a point near it. The guess is on the parabola along the tangent of
+        the first point: beyond a border the second may have a direction of its own.
+        """
+        way = (after.y - before.y) / before.scale
+        step = part * float(np.sqrt(way @ way))
+        straight = step * before.tangent
+        guess = before.y + before.scale * (straight + part * (part * way - straight))
+        near, scale = before.tangent, before.scale
+        found = correct(self.equations, guess, scale, near, level=before.level)
+        gap = (found.y - guess) / scale
+        if found.converged and gap @ gap <= (_LARGEST_GAP * step) ** 2:
+            direction = found.direction or Direction(near, before.turn)
+            residual, steps = found.history[-1], len(found.history) - 1
+            point = Point(found.y, scale, *direction, residual, steps, before.level)
+            if self._is_same(before, guess, point):
+                return point
+        return self.at(before, step)
 
     def _is_same(self, before: Point, guess: Array, found: Point) -> bool:
         """Whether a point is so near its guess that no orbit of a shorter period lies between them.

@@ -21,10 +21,13 @@ from dynkit.continuation.points import Point, beside, interpolated
 from dynkit.continuation.test_functions import are_real, crossings, examine, resonances, turns
 from dynkit.core.validation import Array
 from dynkit.orbits.equations import Problem
+from dynkit.orbits.events import events_of
 from dynkit.orbits.kinds import BifurcationKind
 from dynkit.orbits.newton import NoSolution, correct, error_bound
 
 _HALVINGS = 45
+# Of the error of a point: bisection ends where the points are nearer.
+_OF_BLUR = 0.25
 # Tolerances of `beside` for a solution between two points.
 _WITHIN = (1e-6, 1e-9), 2.0
 # Least abs(sin theta) of NS; largest unfolding unknown of a branch point.
@@ -62,7 +65,9 @@ def locate(
             if found is not None:
                 seconds = time.perf_counter() - began
                 return found._replace(seconds=seconds, steps=steps + len(found.history) - 1)
-        middle = _examined_middle(problem, curve, before, after)
+        if halving % 8 == 0 and halving and _is_blurred(curve, before, after):
+            break
+        middle = _examined_middle(problem, curve, before, after, crossing)
         if middle is None:
             break
         steps += middle.iterations
@@ -123,17 +128,30 @@ def _is_plain(before: Point, after: Point, crossing: Crossing) -> bool:
     return crossing.kind not in _PAIRS or before.seen.pairs == after.seen.pairs
 
 
+def _is_blurred(curve: Continuation, before: Point, after: Point) -> bool:
+    """Whether two points are nearer to each other than the second is to the exact curve."""
+    return bool((abs(after.y - before.y) <= _OF_BLUR * _blur(curve, after)).all())
+
+
 def _examined_middle(
-    problem: Problem, curve: Continuation, before: Point, after: Point
+    problem: Problem, curve: Continuation, before: Point, after: Point, crossing: Crossing
 ) -> Point | None:
-    """A point about half-way; elsewhere within the step where there is no such orbit half-way."""
-    way = (after.y - before.y) / before.scale
-    length = float(np.sqrt(way @ way))
+    """A point about half-way; elsewhere within the step where there is no such orbit half-way.
+
+    For an event only the events of its orbit are computed.
+    """
+    length = float(np.linalg.norm((after.y - before.y) / before.scale))
     for part in _PARTS:
-        middle = curve.at(before, part * length)
+        if crossing.event < 0:
+            middle = curve.at(before, part * length)
+        else:
+            middle = curve.between(before, after, part)
         if not isinstance(middle, Failure):
             with suppress(NoSolution):
-                return replace(middle, seen=examine(problem, middle))
+                if crossing.event < 0:
+                    return replace(middle, seen=examine(problem, middle))
+                events = events_of(problem, middle.y[:-1], middle.y[-1:])
+                return replace(middle, seen=replace(before.seen, events=events))
     return None
 
 

@@ -87,6 +87,7 @@ class ImpactProblem(PeriodicProblem, WatchedProblem):
         self._changes = Changes(self.system, self._flights)
         self._known: list[tuple[bytes, Any]] = []
         self._last: tuple[bytes, Any] | None = None
+        self._watched: tuple[Any, list[Event]] | None = None
 
     @property
     def _flights(self) -> Sequence[Regimes]:
@@ -262,8 +263,11 @@ class ImpactProblem(PeriodicProblem, WatchedProblem):
     @final
     def events(self, x: Array, p: Array) -> list[Event]:
         solution = self.at(x, p)
-        watched = [(border, border.value(solution)) for border in self.borders(solution)]
-        return [Event(border.kind, border.part, value, border.ends) for border, value in watched]
+        if self._watched is None or self._watched[0] is not solution:
+            both = [(border, border.value(solution)) for border in self.borders(solution)]
+            found = [Event(border.kind, border.part, value, border.ends) for border, value in both]
+            self._watched = solution, found
+        return list(self._watched[1])
 
     @final
     def condition(self, event: int, x: Array, p: Array) -> tuple[Condition, Array]:

@@ -69,6 +69,20 @@ def trajectory_of(
     return course.trajectory(log, time.perf_counter() - began)
 
 
+def to_contact(
+    oscillator: DrivenStructure, start: ImpactState, count: int
+) -> tuple[Trajectory, bool]:
+    """Simulate up to `count` impacts; and whether contact follows, and is left out.
+
+    It is left out where no motion has entered it, for a table alone; else the motion goes on.
+    """
+    if oscillator._motion is not None or oscillator._automaton.beside is not None:
+        return trajectory_of(oscillator, start, count, store=True), False
+    course = Course(oscillator, start, noise=0.0, seed=1, most_cells=MOST_CELLS)
+    log = course.advance(count, store=True, enters=False)
+    return course.trajectory(log, 0.0), course.waits
+
+
 def course_from(
     oscillator: DrivenStructure,
     start: ImpactState,
@@ -161,7 +175,7 @@ class Course:
                 self._left[element, clock_kernels.MOTION] = clock_kernels.STILL
         if oscillator._cycled:
             self._leave_section()
-        self.impacts, self.ending = 0, Ending.COUNT_REACHED
+        self.impacts, self.ending, self.waits = 0, Ending.COUNT_REACHED, False
 
     def _close(self, element: int) -> None:
         """Enter contact with a stop on which the motion starts."""
@@ -258,8 +272,11 @@ class Course:
         turns = (times[-1] - times[-few]) * self._oscillator.frequency / TWO_PI
         return bool(getattr(last, "preload", 0.0) > 0.0 and turns * MOST_SWITCHES < few)
 
-    def advance(self, count: int, *, store: bool) -> Impacts:
-        """Simulate up to `count` further impacts; return their log, empty unless stored."""
+    def advance(self, count: int, *, store: bool, enters: bool = True) -> Impacts:
+        """Simulate up to `count` further impacts; return their log, empty unless stored.
+
+        Without `enters` it ends before a mode that no motion has entered, and `waits` is true.
+        """
         _, kernels, log_kernels = _kernels()
         free, rows = self._oscillator._free, count if store else 0
         slots = free.layout.slots
@@ -289,6 +306,10 @@ class Course:
             )
             done += impacts
             if ending == kernels.MODE_WANTED:
+                self.waits = not enters
+                if self.waits:
+                    ending = kernels.COUNT_REACHED
+                    break
                 try:
                     self._oscillator._automaton.enter(int(self._clock[kernels.WANTED]))
                 except ContactParadox:

@@ -365,7 +365,9 @@ class TouchingGuard(Touching):
             )
         event = solution.itinerary[self.part]
         if event.element == self.side and self.part in solution.course.releases:
-            return curve.seen  # it begins with three zeros, and opens
+            # it begins with three zeros, and opens: what it begins with is rounding
+            seen, begins = curve.seen, float(curve.nodes[1][0, 0])
+            return seen if abs(seen) > abs(begins) else math.inf
         begin, rate, bend = curve.nodes[1][:, 0].tolist()
         least = _ZERO * max(curve.rounding, 2.0**-52 * float(self.measures(solution)[0]))
         if abs(begin) > least:

@@ -20,6 +20,7 @@ from dynkit.systems.impact.orbits.itineraries.flying import Flights, TaylorFligh
 from dynkit.systems.impact.orbits.itineraries.itinerary import Happening, way
 from dynkit.systems.impact.orbits.itineraries.varying import varying_steps
 from dynkit.systems.impact.orbits.machine import Machine
+from dynkit.systems.impact.simulation.runs import to_contact
 from dynkit.systems.impact.simulation.state import Motion, beside, state_at
 from dynkit.systems.impact.simulation.trajectory import Trajectory, grouped
 
@@ -101,16 +102,17 @@ class Chatter:
     def _to_contact(self, oscillator: Any, start: Any, fastest: float) -> Trajectory:
         count = CHUNK if oscillator._motion is None else TAYLOR_CHUNK
         while True:
-            run: Trajectory = oscillator._run(start, count, store=True)
-            contact = run.guards[run.switches.guard, 3] == EventKind.CONTACT
-            contact &= run.guards[run.switches.guard, 1] == self.element
-            k = int(run.switches.before[contact][0]) if contact.any() else run.impacts
+            run, follows = to_contact(oscillator, start, count)
+            kinds, elements = run.guards[run.switches.guard][:, [3, 1]].T
+            (at,) = np.nonzero((kinds == EventKind.CONTACT) & (elements == self.element))
+            k = int(run.switches.before[at[0]]) if len(at) else run.impacts
             away = self._lifts_off(run, k)
-            if k < count or away.any() or count >= MOST:
+            if k < count or follows or away.any() or count >= MOST:
                 break
             count *= 4
-        self.complete = bool(contact.any()) and not away.any()
-        if contact.any() and run.switches.time[: int(np.argmax(contact))].any():
+        follows = follows or len(at) > 0
+        self.complete = follows and not away.any()
+        if follows and run.switches.time[: at[0] if len(at) else None].any():
             raise NoSolution("nothing else may happen during a chatter")
         if not self.complete:
             speeds = run.speeds
@@ -144,6 +146,13 @@ class Chatter:
     def lasts(self) -> float:
         """Time until contact begins."""
         return float(self.run.time[-1]) if self.run.impacts else 0.0
+
+    @cached_property
+    def error(self) -> float:
+        """Largest change of a position or velocity by omission of bounces."""
+        system: Any = self.run.start._system
+        run = system._run(self.run.start, self.run.impacts + 1, store=False)
+        return float(run.chatter_error)
 
     @property
     def pressing(self) -> float:

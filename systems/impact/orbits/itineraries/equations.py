@@ -546,4 +546,4 @@ class ItineraryEquations(ImpactProblem):
         s = self.at(x, p)
         if isinstance(s, ResponseSolution):
             return bool((s.impulses > 0.0).all()) and flights_are_open(s)
-        return not any(b.value(s) < 0.0 for b in self.borders(s)) and s.admissible
+        return not any(event.value < 0.0 for event in self.events(x, p)) and s.admissible

@@ -78,7 +78,8 @@ def _passages(solution: ResponseSolution) -> tuple[Transitions, list[tuple[Array
     `saltation`.
     """
     windows, order = solution.windows, np.argsort(solution.event_phases)
-    flights = solution.mode.transitions(solution.lasts[order])
+    one = len(order) == 1
+    flights = solution.transition if one else solution.mode.transitions(solution.lasts[order])
     r, sides = solution.restitutions, solution.sides
     rates = -solution.impulses / (1.0 + r)
     turns = (windows.rows[:, 2] * windows.kicks.reshape(len(windows.kicks), -1)).sum(axis=1)

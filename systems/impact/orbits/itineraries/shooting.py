@@ -264,7 +264,7 @@ class ShootingSolution(ItinerarySolution):
         out = _ROUNDING * ((8.0 + self.norms[:, None]) * level * m + 2.0 * late)
         for i, chatter in self.chatters.items():
             # each impact rounds, and the last ones are replaced
-            out[i] += _ROUNDING * chatter.run.impacts * level[i] * m + chatter.run.chatter_error
+            out[i] += _ROUNDING * chatter.run.impacts * level[i] * m + chatter.error
         return np.asarray(out)
 
     @cached_property
@@ -451,7 +451,7 @@ class ShootingSolution(ItinerarySolution):
 
     @property
     def chatter_error(self) -> float:
-        return max((chatter.run.chatter_error for chatter in self.chatters.values()), default=0.0)
+        return max((chatter.error for chatter in self.chatters.values()), default=0.0)
 
     # --- the orbit --------------------------------------------------------------------------------
 
