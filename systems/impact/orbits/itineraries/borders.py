@@ -24,7 +24,8 @@ from dynkit.systems.impact.orbits.borders import (
     acceleration,
 )
 from dynkit.systems.impact.orbits.flights import Curve
-from dynkit.systems.impact.orbits.itineraries.itinerary import Happening, Itinerary, regimes_of
+from dynkit.systems.impact.orbits.itineraries.happening import Happening, Itinerary
+from dynkit.systems.impact.orbits.itineraries.itinerary import regimes_of
 from dynkit.systems.impact.orbits.itineraries.shooting import ShootingSolution
 from dynkit.systems.impact.orbits.machine import Regimes
 from dynkit.systems.impact.orbits.solution import SAME

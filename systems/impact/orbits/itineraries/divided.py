@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 from dynkit.core.validation import Array
 from dynkit.orbits.newton import NoSolution
-from dynkit.systems.impact.orbits.itineraries.itinerary import Happening, Itinerary
+from dynkit.systems.impact.orbits.itineraries.happening import Happening, Itinerary
 
 if TYPE_CHECKING:
     from dynkit.systems.impact.impact_map import ImpactMap

@@ -12,9 +12,9 @@ from dynkit.core.validation import Array, positive_integer
 from dynkit.orbits.newton import NoConvergence, solve
 from dynkit.systems.impact.orbits.itineraries.equations import ItineraryEquations
 from dynkit.systems.impact.orbits.itineraries.flying import flights_of
+from dynkit.systems.impact.orbits.itineraries.happening import Happening
 from dynkit.systems.impact.orbits.itineraries.itinerary import (
     Course,
-    Happening,
     Seen,
     events_seen,
     from_release,

@@ -20,7 +20,7 @@ from dynkit.systems.impact.orbits.machine import Machine, Regimes, Rubs, lifted,
 from dynkit.systems.impact.variational.taylor_derivative import gradient
 
 if TYPE_CHECKING:
-    from dynkit.systems.impact.orbits.itineraries.itinerary import Happening
+    from dynkit.systems.impact.orbits.itineraries.happening import Happening
 
 _GAUSS = 0.5 + np.array([-0.5, 0.5]) / math.sqrt(3.0)
 """Nodes of Gauss-Legendre quadrature of two points over a unit of time."""

@@ -15,7 +15,8 @@ from dynkit.systems.impact.elements.element import HALT, JUMP, EventKind
 from dynkit.systems.impact.elements.laws import ImpactLaw
 from dynkit.systems.impact.elements.stops import HardStop
 from dynkit.systems.impact.orbits.itineraries.flying import Flights, flights_of, number_of
-from dynkit.systems.impact.orbits.machine import Machine, Regimes, Rubs
+from dynkit.systems.impact.orbits.itineraries.happening import Happening, Itinerary
+from dynkit.systems.impact.orbits.machine import Machine, Regimes
 from dynkit.systems.impact.records.event_counts import element_names
 from dynkit.systems.impact.simulation.automaton import cycled_by, halts
 from dynkit.systems.impact.simulation.trajectory import Trajectory
@@ -34,39 +35,6 @@ _SLOW = 1e-9
 
 _SAME = 1e-2
 """States of a cycle, a period apart, differ by no more, relative: then it is one cycle."""
-
-
-class Happening(NamedTuple):
-    """What ends a mode.
-
-    Attributes
-    ----------
-    mode : Regimes
-    element, guard : int
-        The guard that is zero: of an element, by its number in the regime; element -1 is none, a
-        period of the forcing that begins.
-    kicked : Regimes or None
-        Of an impact the mode in which it happens: what it opens is open, what it moves slips.
-    chatters : bool
-        Whether contact with the same stop follows, the next mode, at once or after impacts that are
-        not events of the itinerary.
-    piece : int
-        Of an impact the number of the smooth piece of its law: see `ImpactLaw.piece`.
-    rubs : tuple
-        Of an impact the friction that leans on the stop: see `Rubs`.
-    """
-
-    mode: Regimes
-    element: int
-    guard: int
-    kicked: Regimes | None = None
-    chatters: bool = False
-    piece: int = 0
-    rubs: Rubs = ()
-
-
-Itinerary = tuple[Happening, ...]
-"""Events in their order; each mode follows the event before."""
 
 
 class Course:
