@@ -72,8 +72,8 @@ class Acceptance:
         values = [(a.value, b.value) for a, b in events]
         # an event appears, and is beyond its border at once
         appears = any(max(pair) == np.inf and min(pair) < 0.0 for pair in values)
-        # the sign of an event is defined at one end only
-        clears = any(np.isnan(a) != np.isnan(b) for a, b in values)
+        # the sign of an event is defined at one end only; one that is nowhere near has none
+        clears = any(sum(map(np.isnan, pair)) == 1 and np.inf not in pair for pair in values)
         return appears or (length > _UNSEEN and clears)
 
     def _flat(self, located: Located, before: Point, way: Array) -> Array | None:

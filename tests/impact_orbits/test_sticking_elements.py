@@ -122,6 +122,7 @@ def test_friction_sticks_and_slips_between_the_contacts() -> None:
     assert not orbit.multipliers[-2:].any()
     branch = continue_orbit(orbit, "elements[1].force", bounds=(0.0195, 0.0205))
     assert branch.admissible.all()
+    assert len(branch.parameter) < 60  # what is nowhere near a border shortens no step
 
 
 def test_a_branch_is_followed_in_numbers_of_an_element() -> None:
