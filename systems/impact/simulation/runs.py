@@ -58,7 +58,7 @@ def trajectory_of(
     noise: float = 0.0,
     seed: int = 1,
     most_cells: int = MOST_CELLS,
-    most_switches: int = MOST_SWITCHES,
+    most_switches: int | None = None,
 ) -> Trajectory:
     """Simulate `count` impacts from a state of this oscillator; see `Course`."""
     began = time.perf_counter()
@@ -116,10 +116,11 @@ class Course:
     ending : Ending
         Why the simulation ended.
     most_switches : int
-        About so many switches without an impact end it, with `Ending.SEARCH_LIMIT`.
+        About so many switches without an impact end it, with `Ending.SEARCH_LIMIT`; `MOST_SWITCHES`
+        by default.
     """
 
-    most_switches = MOST_SWITCHES
+    most_switches: int | None = None
 
     def __init__(
         self,
@@ -250,7 +251,8 @@ class Course:
         """Whether the limit on switches since the last impact is exceeded."""
         clock_kernels, before = _kernels()[0], self._switches.before
         count, impacts = self._clock[[clock_kernels.SWITCHES, clock_kernels.IMPACTS]].astype(int)
-        return bool(count > self.most_switches and before[count - self.most_switches] == impacts)
+        most = MOST_SWITCHES if self.most_switches is None else self.most_switches
+        return bool(count > most and before[count - most] == impacts)
 
     def _refuse_law(self) -> None:
         """ValueError where the law of a stop gives no restitution in [0, 1]."""
