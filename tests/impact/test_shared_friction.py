@@ -85,6 +85,7 @@ def test_random_machines_move_as_in_many_digits(seed: int, hit: bool) -> None:
         )
         for share in (0.25, 0.75)
     ]
+    one = DryFriction(row, force=force, static=force + static, velocity=velocity, **motion)
     more: list[Any] = []
     if random.random() < 0.6:  # another surface, as fast as one, or not: only one of both sticks
         away = {**motion, "velocity": velocity + random.choice([-0.2, 0.3])}
@@ -103,6 +104,12 @@ def test_random_machines_move_as_in_many_digits(seed: int, hit: bool) -> None:
     )
     place, velocities = random.normal(size=n), random.normal(size=n)
     place[-1] = 0.3 + abs(place[-1])
-    moves_as_in_many_digits(chain, place, velocities, impacts=4, most=1e-10)
+    for machine in (chain, chain.replace(elements=[one, *more])):
+        found = moves_as_in_many_digits(machine, place, velocities, impacts=4, most=1e-10)
+        assert found.events >= 2
     record = chain.simulate(impacts=4, start=chain.state(place, velocities))
+    whole = machine.simulate(impacts=4, start=machine.state(place, velocities))
+    assert len(record) == len(whole)
+    apart = abs(record.states - whole.states).max(axis=1)
+    assert (apart <= record.error + whole.error).all()
     assert record.energy_balance().error < 1e-12

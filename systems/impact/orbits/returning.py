@@ -8,22 +8,20 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from dynkit.continuation.initial_orbits import describe_counts
-from dynkit.core.cost import Cost
 from dynkit.core.no_motion import NoMotion
 from dynkit.core.validation import Array
 from dynkit.orbits.newton import NoConvergence, NoSolution
-from dynkit.orbits.search import OrbitSearch
 from dynkit.systems.impact.orbits.finding import Found
 from dynkit.systems.impact.orbits.itineraries.equations import ItineraryEquations
 from dynkit.systems.impact.orbits.itineraries.finding import guess_of
 from dynkit.systems.impact.orbits.itineraries.itinerary import events_seen
 from dynkit.systems.impact.orbits.itineraries.motions import STARTS, simulated_motions
 from dynkit.systems.impact.orbits.orbit import ImpactOrbit
-from dynkit.systems.impact.orbits.searching import add_returns
+from dynkit.systems.impact.orbits.searching import add_returns, result_of
 from dynkit.systems.impact.simulation.state import TWO_PI
 
 if TYPE_CHECKING:
+    from dynkit.orbits.search import OrbitSearch
     from dynkit.systems.impact.impact_map import ImpactMap
     from dynkit.systems.impact.records.record import ImpactRecord
 
@@ -55,14 +53,7 @@ def search_returns(oscillator: ImpactMap, impacts: int, periods: int) -> OrbitSe
         for impacts_of in range(1, impacts + 1)
         for part in parts
     )
-    states = np.concatenate([np.empty((0, oscillator.dimension)), *(p.states for p in parts)])
-    region = np.full((oscillator.dimension, 2), np.nan)
-    if len(states):
-        region = np.stack([states.min(axis=0), states.max(axis=0)], axis=1)
-    orbits = sorted(found.orbits(began), key=lambda orbit: (orbit.impacts, orbit.periods))
-    cost = Cost(time.perf_counter() - began, counts)
-    message = f"P(1,1) to P({impacts},{periods}): {describe_counts(impacts, counts)}"
-    return OrbitSearch(oscillator, impacts, 0, region, message, orbits, cost)
+    return result_of(oscillator, found, parts, (impacts, periods), counts, began)
 
 
 def near_return(

@@ -65,7 +65,7 @@ def search(oscillator: ImpactMap, impacts: object, periods: object) -> OrbitSear
             counts["guesses"] += STARTS
             for problem, guess in random_guesses(oscillator, impacts_of, periods_of):
                 found.add(problem, guess)
-    region = np.full((oscillator.dimension, 2), np.nan)
+    parts: list[ImpactRecord] = []
     if n > 1:
         parts = list(_simulated(oscillator))
         counts |= {"starts": 1 + RANDOM, "impacts": sum(len(part) for part in parts)}
@@ -74,11 +74,24 @@ def search(oscillator: ImpactMap, impacts: object, periods: object) -> OrbitSear
             for impacts_of in range(2, n + 1)
             for part in parts
         )
-        states = np.concatenate([part.states for part in parts])
-        if len(states):
-            region = np.stack([states.min(axis=0), states.max(axis=0)], axis=1)
+    return result_of(oscillator, found, parts, (n, m), counts, began)
+
+
+def result_of(
+    oscillator: ImpactMap,
+    found: Found,
+    parts: list[ImpactRecord],
+    most: tuple[int, int],
+    counts: dict[str, int],
+    began: float,
+) -> OrbitSearch[ImpactOrbit]:
+    """What a search up to P(n,m) has found, and in which region, that of some motions."""
+    states = np.concatenate([np.empty((0, oscillator.dimension)), *(p.states for p in parts)])
+    region = np.full((oscillator.dimension, 2), np.nan)
+    if len(states):
+        region = np.stack([states.min(axis=0), states.max(axis=0)], axis=1)
     orbits = sorted(found.orbits(began), key=lambda orbit: (orbit.impacts, orbit.periods))
-    cost = Cost(time.perf_counter() - began, counts)
+    (n, m), cost = most, Cost(time.perf_counter() - began, counts)
     message = f"P(1,1) to P({n},{m}): {describe_counts(n, counts)}"
     return OrbitSearch(oscillator, n, 0, region, message, orbits, cost)
 
