@@ -64,7 +64,8 @@ class BifurcationCurve(Viewed, SolutionCurve):
     own : (k, e) array
         Additional unknowns of the condition: for NS the angle theta, for HB the frequency, (k, 1).
     admissible : (k,) array of bool
-        Whether the orbits are motions of the system.
+        Whether the orbits are motions of the system. On a curve of GR or CB, beyond which they are
+        none, rounding may decide.
     residuals : (k,) array
         Largest residual of each point's equations.
     endings : (Ending, Ending)
