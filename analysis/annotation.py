@@ -20,7 +20,9 @@ _TYPE, _PITCH, _LEVEL_PITCH = 6.0, 7.0, 10.0
 # In heights of the axes: the bar, and the lower end of the labels.
 _BAR, _FOOT = (1.01, 1.03), 1.08
 # Least width of an interval with a label, in widths of the axes.
-_NARROWEST = 0.006
+_NARROWEST = 0.012
+# Largest distance of a label from the middle of its interval, in points.
+_FARTHEST = 8.0
 
 
 @final
@@ -46,8 +48,8 @@ class LabelInterval:
 def write_intervals(axes: Axes, intervals: Sequence[LabelInterval]) -> None:
     """Draw a bar of intervals above the axes, and label the widest ones.
 
-    As many intervals are labelled as there is room for. Labels that would touch are moved apart; a
-    line leads from each label to the middle of its interval.
+    The widest intervals come first. Labels that would touch are moved apart, and a line leads from
+    each to the middle of its interval; a label that would move others too far is left out.
     """
     from matplotlib.collections import PatchCollection
     from matplotlib.patches import Rectangle
@@ -65,9 +67,14 @@ def write_intervals(axes: Axes, intervals: Sequence[LabelInterval]) -> None:
         autolim=False,
     )
     middles = 0.5 * (edges[1:] + edges[:-1])
-    widths = np.diff(edges) / (high - low)
-    widest = np.argsort(-widths, kind="stable")[: int(size_in_points(axes)[0] / _PITCH)]
-    chosen = np.sort(widest[widths[widest] >= _NARROWEST])
+    point = (high - low) / size_in_points(axes)[0]
+    chosen: list[int] = []
+    for i in np.argsort(-np.diff(edges), kind="stable").tolist():
+        more = sorted([*chosen, i])
+        moved = spread(middles[more], _PITCH * point) - middles[more]
+        wide = edges[i + 1] - edges[i] >= _NARROWEST * (high - low)
+        if wide and abs(moved).max() <= _FARTHEST * point:
+            chosen = more
     _write(axes, [ordered[i].label for i in chosen], middles[chosen], _PITCH, 90.0)
 
 

@@ -174,4 +174,4 @@ def _set_up(axes: Any) -> None:
         axis.pane.set_edgecolor(ink(0.8))
     axes.tick_params(pad=-1.0)
     axes.zaxis.get_major_locator().set_params(nbins=5)
-    axes.xaxis.labelpad, axes.yaxis.labelpad, axes.zaxis.labelpad = 4.0, 0.0, -2.0
+    axes.xaxis.labelpad, axes.yaxis.labelpad, axes.zaxis.labelpad = 4.0, -3.0, -7.0

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -76,7 +77,8 @@ def _describe(scaling: Scaling, error: float, axes: Axes) -> None:
         axes.set_title(scaling.outcome.value)
         return
     axes.axvspan(region.low, region.high, color=ink(0.93), linewidth=0.0, zorder=0)
-    title = f"$d_c = {region.slope:.3f} \\pm {error:.3f}$, {region.ratio:.3g}:1"
+    decades = math.log10(region.ratio)
+    title = f"$d_c = {region.slope:.3f} \\pm {error:.3f}$ over {decades:.1f} decades"
     if scaling.outcome is Outcome.DRIFT:
         title += f"\n{scaling.outcome.value}"
     axes.set_title(title)

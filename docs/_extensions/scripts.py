@@ -50,10 +50,10 @@ def picture(script: Path) -> Path:
 
 def draw(script: Path) -> None:
     """Execute a script and write its picture."""
-    from matplotlib import pyplot as plt
+    from matplotlib import pyplot as plt, rc_context
 
     plt.close("all")
-    with chdir(script.parent), warnings.catch_warnings():
+    with chdir(script.parent), rc_context(), warnings.catch_warnings():
         warnings.simplefilter("error")
         names = runpy.run_path(str(script))
         figure = cast("Figure", names.get("figure") or plt.gcf())

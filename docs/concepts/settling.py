@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from dynkit.plotting.figures import new_figure
+from dynkit.plotting.figures import new_figure, print_style
 from dynkit.systems import ImpactChain
 
 chain = ImpactChain(masses=10, frequency=0.87)
@@ -14,4 +14,5 @@ axes.semilogy(distances, "k.", ms=1.5, label="distance from the orbit")
 slope = abs(orbit.multipliers[0]) ** np.arange(400)
 axes.semilogy(0.3 * slope, "0.6", lw=0.8, label=r"$|\mu|^n$, $\mu$ the largest multiplier")
 axes.set(xlabel="impacts $n$", ylabel="distance", ylim=(1e-17, 1e3))
-axes.legend(loc="upper right", fontsize=6.0, frameon=False)
+with print_style():
+    axes.legend(loc="upper right")

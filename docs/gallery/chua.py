@@ -1,7 +1,7 @@
 """Chua's double scroll.
 
-A circuit with a nonlinear resistor, followed by Taylor's method, and its three equilibria, all of
-them unstable.
+A circuit with a nonlinear resistor, followed by Taylor's method, and its three equilibria (red),
+all of them unstable.
 """
 
 import numpy as np

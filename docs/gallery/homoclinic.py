@@ -1,12 +1,12 @@
 """Lorenz orbits that end at a homoclinic orbit.
 
-Unstable orbits are born at the Hopf point (HB) of an equilibrium. Followed to smaller rho, they
-come nearer and nearer to the origin, where they stay longer and longer: at rho = 13.926 the
-period is infinite.
+Unstable orbits (dashed) are born at the Hopf point (HB) of an equilibrium. At smaller rho they
+come nearer to the origin, and stay there longer. At rho = 13.926 the period is infinite.
 """
 
+import matplotlib.pyplot as plt
+
 from dynkit import continue_orbit, equilibrium
-from dynkit.plotting.figures import new_figure
 from dynkit.systems import SymbolicFlow
 
 
@@ -22,6 +22,10 @@ rests = continue_orbit(equilibrium(Lorenz(), [7.0, 7.0, 19.0]), "rho", bounds=(1
 branch = continue_orbit(born, "rho", bounds=(13.93, 25.0))
 orbits = [branch.orbit(i) for i in range(len(branch))]
 periods = [orbit.system.return_time(orbit.states[0]) for orbit in orbits]
-figure, (axes,) = new_figure()
-axes.plot(branch.parameter, periods, "k--", lw=0.9)
+plt.style.use("dynkit.plotting.journal")
+figure, axes = plt.subplots()
+axes.plot(branch.parameter, periods, "k--")
+axes.axvline(13.926, color="0.7", lw=0.6)
+axes.text(14.1, 3.4, "homoclinic orbit")
+axes.text(24.2, 0.8, "HB")
 axes.set(xlabel=r"$\rho$", ylabel="period")

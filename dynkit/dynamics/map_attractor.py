@@ -220,13 +220,14 @@ class MapAttractor(Attractor):
         -------
         Axes
         """
-        from dynkit.plotting.points import draw_points
+        from dynkit.plotting.points import axis_title, draw_points
 
+        first, second = map(axis_title, ("state[0]", "state[1]"))
         if self._system.dimension > 1:
-            return draw_points(ax, self._states[:, :2], ("state[0]", "state[1]"))
+            return draw_points(ax, self._states[:, :2], (first, second))
         beyond = self._system.image(self._states[-1])
         points = np.column_stack([self._states, np.append(self._states[1:], beyond)])
-        return draw_points(ax, points, ("state[0]", "next state[0]"))
+        return draw_points(ax, points, (first, f"next {first}"))
 
     def time_series(self, times: Array) -> Array:
         """Return the states, (k, d), at the given times: iterates after the first state kept.

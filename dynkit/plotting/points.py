@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING
 
@@ -43,9 +44,11 @@ def axis_title(name: str, symbols: Mapping[str, str] | None = None) -> str:
 
     Examples
     --------
-    >>> axis_title("relative_velocity"), axis_title("belt.force")
-    ('relative velocity $u$', 'belt force')
+    >>> axis_title("relative_velocity"), axis_title("belt.force"), axis_title("state[0]")
+    ('relative velocity $u$', 'belt force', 'state $z_{1}$')
     """
+    if coordinate := re.fullmatch(r"state\[(\d+)\]", name):
+        return f"state $z_{{{int(coordinate[1]) + 1}}}$"
     words = name.replace("_", " ").replace(".", " ")
     symbol = {**SYMBOLS, **(symbols or {})}.get(name)
     return f"{words} ${symbol}$" if symbol else words

@@ -16,7 +16,7 @@ from dynkit.analysis.annotation import LabelInterval, mark_values, spread
 from dynkit.analysis.chatter import ChatterRatios
 from dynkit.analysis.diagram import BifurcationDiagram
 from dynkit.core.validation import Array
-from dynkit.plotting.figures import new_figure, print_style, save_figure
+from dynkit.plotting.figures import new_figure, print_style, save_figure, size_in_points
 from dynkit.systems import ImpactChain
 
 
@@ -163,6 +163,15 @@ def test_written_labels_do_not_overlap() -> None:
     )
     assert len(boxes) > 10
     assert all(left[1] <= right[0] for left, right in pairwise(boxes))
+
+
+def test_labels_stand_near_their_intervals() -> None:
+    narrow = [name for i in range(30) for name in [f"P({i},{i})"] * 14]
+    _, axes = drawn(diagram_of(narrow + ["P(1,3)"] * 580))
+    ends = [np.asarray(line.get_xdata(), float) for line in axes.lines[1:]]
+    points = size_in_points(axes)[0] / np.ptp(axes.get_xlim())
+    assert len(ends) == len(axes.texts) < 20
+    assert max(abs(np.diff(end)[0]) * points for end in ends) <= 8.0 + 1e-9
 
 
 def test_labels_stay_on_the_figure() -> None:

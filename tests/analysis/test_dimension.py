@@ -342,7 +342,7 @@ def test_sums_are_drawn_with_the_line_of_their_region(henon: CorrelationDimensio
     assert np.asarray(points.get_xdata()).size == (henon.sums.pairs > 0).sum()
     across = np.asarray(line.get_xdata())
     assert (across[0], across[-1]) == (henon.region.low, henon.region.high)
-    assert f"{henon.region.ratio:.3g}:1" in axes.get_title()
+    assert f"over {np.log10(henon.region.ratio):.1f} decades" in axes.get_title()
 
 
 def test_slopes_are_drawn_with_both_estimates(henon: CorrelationDimension) -> None:

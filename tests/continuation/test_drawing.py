@@ -124,13 +124,13 @@ def test_styles_are_those_of_matplotlib(branch: Branch, style: str) -> None:
 
 def test_axes_are_named(branch: Branch) -> None:
     ax = branch.plot(axes(), y="state[0]")
-    assert (ax.get_xlabel(), ax.get_ylabel()) == ("p", "state[0]")
+    assert (ax.get_xlabel(), ax.get_ylabel()) == ("p", "state $z_{1}$")
 
 
 def test_another_observable_is_drawn() -> None:
     made = continue_orbit(henon(), "a", bounds=(0.05, 1.4))
     ax = made.plot(axes(), y="state[1]")
-    assert ax.get_ylabel() == "state[1]"
+    assert ax.get_ylabel() == "state $z_{2}$"
     (stable,) = (line for line in ax.get_lines() if line.get_label() == "stable")
     assert set(np.asarray(stable.get_ydata())) & set(made.unknowns[:, 1])
 

@@ -125,7 +125,7 @@ def test_a_sweep_is_drawn_as_its_diagram_without_labels() -> None:
     ours = found.plot(new_figure()[1][0])
     theirs = BifurcationDiagram.of(found).plot(new_figure()[1][0])
     np.testing.assert_array_equal(data(ours.lines[0]), data(theirs.lines[0]))
-    assert (ours.get_xlabel(), ours.get_ylabel()) == ("rate", "state[0]")
+    assert (ours.get_xlabel(), ours.get_ylabel()) == ("rate", "state $z_{1}$")
     assert (ours.get_xlim(), len(ours.texts)) == (theirs.get_xlim(), 0)
 
 
