@@ -260,8 +260,8 @@ class RunningExponents(Running):
     """Lyapunov exponents; the result is a `LyapunovSpectrum`.
 
     The frame of directions, and the state to which it belongs, continue from block to block. They
-    follow a motion of their own from the first state on, for as many iterates as there are states;
-    in chaos its rounding may part it from that of the blocks.
+    follow a motion of their own from the first state on, for as many iterates as there are states.
+    In chaos rounding may separate it from the motion of the blocks.
 
     Parameters
     ----------

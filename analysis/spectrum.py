@@ -61,8 +61,9 @@ class PowerSpectrum(Saved):
     interval : float, optional
         Time between samples; required for an array. For an attractor the default is the largest
         fraction 1/p of the table's period for which the axis reaches twice the highest natural
-        frequency: half of the chain's Nyquist interval, with the table's harmonics on the grid of
-        frequencies. Impact attractors are sampled 16 times as finely to reduce aliasing.
+        frequency. So it is half of the chain's Nyquist interval, and the table's harmonics are on
+        the grid of frequencies. Impact attractors are sampled 16 times as finely to reduce
+        aliasing.
     coordinate : int, optional
         As for `TimeSeries`.
     samples : int, optional
@@ -187,7 +188,7 @@ class PowerSpectrum(Saved):
         (near twice the highest natural frequency).
 
         Where the samples change their regime (`change`), the error is increased by the largest
-        relative difference to the densities before and after; it is infinite when one of these
+        relative difference to the densities before and after. It is infinite when one of these
         regimes is shorter than a segment, and for a stream.
         """
         w, k, half = self._window, self.segments, self._length // 2

@@ -61,7 +61,7 @@ class CorrelationDimension(Saved):
 
     Local slopes may drift over all radii, for example where the density has square-root
     singularities (the logistic map at 4, most maps with a smooth hump). Then `outcome` and the repr
-    say that there is no plateau: `value` is the slope of the straightest range, and `error` covers
+    say that there is no plateau. `value` is the slope of the straightest range, and `error` covers
     the limit of small radii as far as the drift shows it. A weak drift also increases `error`, and
     so does a drift that slopes over few octaves cannot exclude. Data rounded to a grid are searched
     only above 8 steps of the grid.
@@ -244,11 +244,11 @@ class CorrelationDimension(Saved):
     def error(self) -> float:
         """One standard error of the dimension; infinite when there is no scaling region.
 
-        One standard error covers about 68 %, and two about 95 %; it is not a bound. It consists of
-        the statistical error of the slope, from a bootstrap over blocks of time, which accounts for
-        the pairs shared by neighbouring radii and successive states, and of the additional scatter
-        of the slopes of the region's quarters. Where the local slopes drift with the radius, it
-        includes the distance to the limit of small radii: see
+        One standard error covers about 68 %, and two about 95 %; it is not a bound. It has two
+        parts. One is the statistical error of the slope, from a bootstrap over blocks of time; this
+        accounts for the pairs shared by neighbouring radii and successive states. The other is the
+        additional scatter of the slopes of the region's quarters. Where the local slopes drift with
+        the radius, it includes the distance to the limit of small radii: see
         `dynkit.analysis.dimension.drift.drift_of`. Where the motion changes its regime it also
         covers the dimension of the last regime.
         """

@@ -123,8 +123,8 @@ class BifurcationCurve(Viewed, SolutionCurve):
         """To first order a bound on the distance from the exact curve, (k,), read-only.
 
         It covers all numbers of a point. The units of the parameters are their ranges, or those of
-        their bounds for a constant parameter; those of the orbit's unknowns are their typical
-        sizes; the unit of `own`, such as theta, is one, or their size where that is larger.
+        their bounds for a constant parameter. The units of the orbit's unknowns are their typical
+        sizes. The unit of `own`, such as theta, is one, or its size where that is larger.
         """
         ranges = np.ptp(self.parameters, axis=0)
         widths = np.where(ranges > _CHANGES * self._widths, ranges, self._widths)

@@ -179,8 +179,8 @@ class SmoothMap(Family, ABC):
         """Return the derivative of the next state with respect to a parameter.
 
         A subclass may define it. Otherwise it is computed from differences of maps that `replace`
-        returns (`dynkit.core.differences.parameter_difference`). For a map that varies over changes
-        of the parameter by its own size, or by one, the relative error is about 1e-11 when calls
+        returns (`dynkit.core.differences.parameter_difference`). Let the map vary over changes of
+        the parameter by its own size, or by one. Then the relative error is about 1e-11 when calls
         have rounding errors only, and 1e-9 for an `accuracy` of 1e-11.
 
         Parameters

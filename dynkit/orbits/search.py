@@ -122,17 +122,18 @@ def find_orbits(
 ) -> OrbitSearch[MapOrbit]:
     """Return the periodic orbits of a map, stable or unstable, that a search of a box finds.
 
-    It searches for orbits of each period up to the given one that have a state in the box, and all
-    their states in the box or among its iterates, at most three widths of the box beside it.
+    It searches for orbits of each period up to the given one that have a state in the box. Their
+    other states must be in the box or among its iterates, at most three widths of the box beside
+    it.
 
-    A map of one dimension is searched lap by lap: where an iterate f^n decreases, it has at most
-    one periodic point; where it increases, intervals are halved until the slopes of f^n at both
+    A map of one dimension is searched lap by lap. Where an iterate f^n decreases, it has at most
+    one periodic point. Where it increases, intervals are halved until the slopes of f^n at both
     ends and in the middle are all above one or all below. Turning points of the map are located on
     a grid of 1024 cells, refined where the map is curved. So an orbit can be missed only where two
     turning points lie in one cell, or two orbits in one interval. Maps with an angle, and maps of
     two and three dimensions, are searched by Newton's method from each cell of a covering of the
-    recurrent states, which is refined until no more orbits are found. In more dimensions Newton's
-    method starts from close returns among iterates of random guesses.
+    recurrent states. The covering is refined until no more orbits are found. In more dimensions
+    Newton's method starts from close returns among iterates of random guesses.
 
     Parameters
     ----------

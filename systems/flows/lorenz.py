@@ -13,9 +13,9 @@ class Lorenz(IntegratedFlow):
     """Lorenz's equations: x' = sigma (y - x), y' = rho x - y - x z, z' = x y - beta z.
 
     Volumes shrink at the rate sigma + 1 + beta everywhere, and (-x, -y, z) moves as (x, y, z) does.
-    For rho > 1 there are two fixed points besides the origin, at x = y = +-sqrt(beta (rho - 1)),
-    z = rho - 1; they lose stability at rho = sigma (sigma + beta + 3)/(sigma - beta - 1), which is
-    24.74 for the other parameters as below.
+    For rho > 1 there are two fixed points besides the origin, at x = y = +-sqrt(beta (rho - 1)), z
+    = rho - 1. They lose stability at rho = sigma (sigma + beta + 3)/(sigma - beta - 1), which is
+    24.74 for the default parameters.
 
     Parameters
     ----------

@@ -146,9 +146,9 @@ class ImpactMap(DrivenStructure, Map):
         ----------
         position : (N,) array_like
             Positions; by default the shape of the first mode with modal amplitude one, the contact
-            coordinate on its side of zero (the start of Cusumano & Bai). Where that position is
-            beyond a stop, or on a stop that moves towards it, the contact coordinate starts at a
-            distance of one from the stop, or half-way between two stops. Where the first mode has
+            coordinate on its side of zero (the start of Cusumano & Bai). If that position is beyond
+            a stop, or on a stop that moves towards it, the contact coordinate starts elsewhere: at
+            a distance of one from the stop, or half-way between two stops. Where the first mode has
             a node at the contact coordinate, only that coordinate is displaced. With several stops
             the default is the nearest position at which all gaps are one; where there is less room,
             a half, a quarter and so on.

@@ -12,20 +12,20 @@ class HighBounce(SymbolicMap):
     """A ball that bounces high above a vibrating table: phi' = phi + v, v' = r v - gamma cos(phi').
 
     r is the restitution. The state holds the table's phase phi at an impact and the ball's velocity
-    v just after it, in units in which v is the phase that passes until the next impact. For a table
-    at -A sin(w t), gravity g and velocity V,
+    v just after it. The unit of velocity is such that v is the phase that passes until the next
+    impact. For a table at -A sin(w t), gravity g and velocity V,
 
         phi = w t,    v = 2 w V / g,    gamma = 2 w^2 (1 + r) A / g.
 
     A table at +A sin(w t) is half a turn further: phi = w t + pi. The table's displacement is
-    neglected beside the height of the bounces, so the next impact's phase is wrong by 2 gamma /
-    ((1 + r) v) at most, to leading order, and a v that turns negative has no meaning; the exact
-    motion is a `BouncingBall`'s.
+    neglected beside the height of the bounces. So the error of the next impact's phase is at most 2
+    gamma / ((1 + r) v), to leading order, and a negative v has no meaning. `BouncingBall` has the
+    exact motion.
 
     The determinant is r everywhere; with r = 1 this is the standard map, with K = gamma. The fixed
     points are v = 2 pi n, cos phi = -2 pi n (1 - r) / gamma. For every n >= 0 a pair of them is
-    born at gamma = 2 pi n (1 - r); the one with sin phi < 0 is stable up to gamma =
-    2 sqrt((pi n (1 - r))^2 + (1 + r)^2), where it doubles its period.
+    born at gamma = 2 pi n (1 - r). The one with sin phi < 0 is stable up to gamma = 2 sqrt((pi n (1
+    - r))^2 + (1 + r)^2), where it doubles its period.
 
     Parameters
     ----------

@@ -10,9 +10,9 @@ from dynkit.systems.symbolic.maps import SymbolicMap
 class Ikeda(SymbolicMap):
     """The map of Ikeda: z' = a + u z exp(i t), t = k - p / (1 + x^2 + y^2), z = x + i y.
 
-    The light in a ring cavity with a nonlinear absorber, from one turn to the next: a is the
-    light that enters, u what is kept in a turn, k and p the turn of its phase without and with the
-    absorber. The determinant is u^2 everywhere.
+    The light in a ring cavity with a nonlinear absorber, from one round trip to the next. The
+    amplitude that enters is a, the fraction kept in a round trip is u; k and p turn its phase
+    without and with the absorber. The determinant is u^2 everywhere.
 
     Parameters
     ----------

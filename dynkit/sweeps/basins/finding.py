@@ -50,8 +50,8 @@ def basins(
     Motions at rest are separated by the reasons of their endings.
 
     Of 1000 or more starts of an impact oscillator, a sample as large as the square root of their
-    number is simulated first. Any other motion ends as soon as it is within 1e-8 of a stable
-    periodic orbit of the sample, relative to the size of the orbit, and again a period later. The
+    number is simulated first. Any other motion ends when it is within 1e-8 of a stable periodic
+    orbit of the sample, relative to the size of the orbit, and is so again a period later. The
     first start of each basin is simulated to the end, and so is every motion that does not arrive
     in this way.
 

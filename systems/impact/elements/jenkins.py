@@ -101,11 +101,10 @@ def iwan(
 ) -> list[Jenkins]:
     """Return Iwan's model of a joint: a list of parallel `Jenkins` elements, for ``elements``.
 
-    Springs that start to slide at the stretch p are distributed with the density p^exponent up to
-    p_max, the stretch at which the whole joint slips; additional springs slide at p_max. Each
-    element represents the springs in an interval of p. Its stiffness and its slip force are the
-    sums over these springs, so the stiffness and the slip force of the joint are exact for any
-    number of elements.
+    Springs that start to slide at the stretch p have the density p^exponent, up to p_max. At the
+    stretch p_max the whole joint slips; additional springs slide there. Each element represents the
+    springs in an interval of p. Its stiffness and its slip force are the sums over these springs,
+    so the stiffness and the slip force of the joint are exact for any number of elements.
 
     Parameters
     ----------

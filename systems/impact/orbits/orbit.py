@@ -67,17 +67,16 @@ class ImpactOrbit(KeptSolution, PeriodicOrbit):
 
     Orbits come from `ImpactOscillator.periodic_orbit`, from an attractor or from a branch. The
     states of P(n,m) are those just after its impacts. The states of P(inf,m) are those at its
-    releases, where relative velocity and contact force are zero. Where nothing impacts the states
-    are positions and velocities at the begin of each period of the forcing; for the cycle of an
-    undriven machine they are those just after its events, with phases from the first one on.
+    releases, where relative velocity and contact force are zero. Without impacts the states are
+    positions and velocities at the beginning of each period of the forcing. For the cycle of an
+    undriven machine they are those just after its events, with phases counted from the first one.
 
-    The unknowns of P(n,m) are phases and impulses, (2n,). Where some motion has no restoring force,
-    and for a machine with other elements than hard stops, they are the phases of the events, the
-    impulses of the impacts among them, and positions, velocities and places of sliders just before
-    the first event.
-    Those of P(inf,m) are the phases of releases and of the impacts before the chatters, the
-    impulses of these, and positions and velocities just before each release. An orbit is admissible
-    when simulation from each of its states finds the next one.
+    The unknowns of P(n,m) are phases and impulses, (2n,). In two cases they are the phases of the
+    events, the impulses of the impacts among them, and positions, velocities and places of sliders
+    just before the first event: some motion has no restoring force, or the machine has other
+    elements than hard stops. Those of P(inf,m) are the phases of releases and of the impacts before
+    the chatters, the impulses of these, and positions and velocities just before each release. An
+    orbit is admissible when simulation from each of its states finds the next one.
     """
 
     _problem: OrbitEquations
@@ -170,7 +169,7 @@ class ImpactOrbit(KeptSolution, PeriodicOrbit):
         """Floquet multipliers, (2N + J,) complex with J sliders, the largest modulus first.
 
         They are those of the impact map, which equal those of the flow over the whole period. For
-        P(inf,m) two are zero, since contact forgets the gap and its rate; the others are those of
+        P(inf,m) two are zero, since contact forgets the gap and its rate. The others are those of
         the map from a release to the same one a period later, with errors relative to the largest.
         Each slider that slips forgets where it was: one more is zero.
         """

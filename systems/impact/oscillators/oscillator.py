@@ -38,17 +38,18 @@ class ImpactOscillator(ImpactMap):
     A subclass must implement its energies, as every `LagrangianStructure`. Where they are quadratic
     the equation of motion is M x'' + C x' + K x = g + Im(F exp(i phase)), with phase' = frequency,
     and motions are exact to rounding. Energies of any other smooth form are followed by Taylor's
-    method (`engine` says which); they may also have further arguments, by name: ``kinetic(self, x,
-    v, phase)``, ``potential(self, x, phase)`` and ``dissipation(self, x, v, phase)``. The damping
-    force is then minus the derivative of the dissipation by v, and the matrices and modes are those
-    of small oscillations about x = 0. One coordinate x_c can
-    hit the table at x_T = amplitude sin(phase) + offset. The gap is never negative: it is x_c - x_T
-    above the table, x_T - x_c below it. An impact is an impulse on this coordinate that changes the
-    rate of the gap from u- < 0 to -restitution u-. Other stops, several stops and friction are
-    given as `elements`.
+    method; `engine` says which method is used. Energies may have further arguments, by name:
+    ``kinetic(self, x, v, phase)``, ``potential(self, x, phase)`` and ``dissipation(self, x, v,
+    phase)``. The damping force is then minus the derivative of the dissipation by v, and the
+    matrices and modes are those of small oscillations about x = 0. One coordinate x_c can hit the
+    table at x_T = amplitude sin(phase) + offset. The gap is never negative: it is x_c - x_T above
+    the table, x_T - x_c below it. An impact is an impulse on this coordinate that changes the rate
+    of the gap from u- < 0 to -restitution u-. Other stops, several stops and friction are given as
+    `elements`.
 
-    The states of the map are the 2N section coordinates just after an impact: all positions except
-    x_c, all velocities except v_c, the relative velocity u (the rate of the gap), and the phase.
+    The states of the map are the 2N section coordinates just after an impact. These are all
+    positions except x_c, all velocities except v_c, the relative velocity u (the rate of the gap),
+    and the phase.
 
     Parameters
     ----------
@@ -85,11 +86,11 @@ class ImpactOscillator(ImpactMap):
         it omits x_j. With several hard stops its last coordinate is the phase plus 4 pi times the
         number of the stop. Positions of the sliders of `Jenkins` elements come after the
         velocities. Without a hard stop the map takes the state from one period of the forcing to
-        the next, at phase 0; its states are positions and velocities, and every count of impacts is
-        a count of periods. Without a hard stop and without harmonic forces or motions, the section
-        is where the first friction comes to a halt, or without friction where the gap of the first
-        soft stop without preload closes. Its 2N - 1 coordinates omit the velocity, or the position,
-        that is fixed there, and every count of impacts is a count of returns.
+        the next, at phase 0. Its states are positions and velocities, and every count of impacts is
+        a count of periods. Without any forcing as well, the section is where the first friction
+        comes to a halt. Without friction it is where the gap of the first soft stop without preload
+        closes. Its 2N - 1 coordinates omit the velocity, or the position, that is fixed there, and
+        every count of impacts is a count of returns.
 
     Raises
     ------
@@ -310,9 +311,9 @@ class ImpactOscillator(ImpactMap):
         simulated motion approaches is missed; this can happen to unstable orbits in many
         dimensions. Inadmissible orbits with n >= 2 are found only by chance.
 
-        Where energies are not quadratic Newton's method starts from close returns alone, for all n:
-        of 1000 impacts from the default start, and 200 from each of 10 random starts, in parts of
-        200. Soft stops and friction may act beside the hard stops; motions that stick to a hard
+        Where energies are not quadratic, Newton's method starts from close returns alone, for all
+        n: of 1000 impacts from the default start, and 200 from each of 10 random starts, in parts
+        of 200. Soft stops and friction may act beside the hard stops; motions that stick to a hard
         stop are left out.
 
         Parameters

@@ -35,11 +35,11 @@ class ImpactRod(ImpactOscillator):
     A restitution of the whole rod is a result (1 for a free rod without damping), not a number that
     is given.
 
-    The coordinates are (q_1, ..., q_n, x), x the displacement of the near end, q the amplitudes of
-    modes of the chain with that end held, mass-normalised; those above `kept_modes` are left out
-    (Craig and Bampton's reduction). Contact holds one coordinate, and the modes are then uncoupled:
-    those left out change nothing as long as the table is at rest. `truncation_errors` bounds what
-    they change.
+    The coordinates are (q_1, ..., q_n, x): x is the displacement of the near end, and q are the
+    mass-normalised amplitudes of modes of the chain with that end held. Modes above `kept_modes`
+    are left out (Craig and Bampton's reduction). Contact holds one coordinate, and the modes are
+    then uncoupled: those left out change nothing as long as the table is at rest.
+    `truncation_errors` bounds what they change.
 
     Parameters
     ----------
@@ -250,10 +250,10 @@ class ImpactRod(ImpactOscillator):
         """Bounds (k,) of what the modes that are left out change until each event of a record.
 
         Distances from the complete chain in the norm of energy: the square root of twice the energy
-        of the difference. Each is what the interval since the event before, and the event's impact,
-        add to the distance at their begin; it is proved where both motions have the event at one
-        time. Through events at different times nothing is proved: chaos amplifies any distance. The
-        proof is in the documentation, on the page of impacts.
+        of the difference. Each bound is what the interval since the event before, and the event's
+        impact, add to the distance at their beginning. It is proved where both motions have the
+        event at the same time. Through events at different times nothing is proved: chaos amplifies
+        any distance. The proof is in the documentation, on the page of impacts.
 
         Parameters
         ----------

@@ -294,7 +294,7 @@ class ImpactRecord(Result):
         """Sum of the changes made by replacing the last bounces of chatters by contact.
 
         For each chatter it is the largest change of a position or velocity of the other coordinates
-        when contact begins, to leading order; it is proportional to the cube of the velocity of the
+        when contact begins, to leading order. It is proportional to the cube of the velocity of the
         last bounce. The actual change is at most twice as large. Its effect on the later motion and
         on the times of events is part of `error`.
         """
