@@ -81,20 +81,27 @@ class _Parser(argparse.ArgumentParser):
         return super().parse_known_args(args, namespace)
 
     def _add_options(self, module: ModuleType) -> None:
+        from dynkit.cli.options import MACHINE, START
+
         self.description, mark, examples = (module.__doc__ or "").partition("For instance:")
         self.epilog = mark + examples
         self.set_defaults(run=module.run, options=module.OPTIONS)
-        if not any(option.positional for option in module.OPTIONS):
+        places = [option.metavar for option in module.OPTIONS if option.positional]
+        self.usage = f"{self.prog} {' '.join(places) or '[FILE.toml]'} [options]"
+        if not places:
             self.add_argument("file", metavar="FILE.toml", nargs="?", help="file of options")
             self.add_argument("--config", metavar="FILE.toml", help="another way to give it")
+        titles = "the run and its output", "the machine", "its start"
+        run, machine, start = [self.add_argument_group(title) for title in titles]
         for option in module.OPTIONS:
             if option.positional:
                 self.add_argument(option.name, metavar=option.metavar, help=option.help)
                 continue
+            group = machine if option in MACHINE else start if option in START else run
             kind: dict[str, Any] = {"metavar": option.metavar}
             if not option.metavar:
                 kind = {"action": argparse.BooleanOptionalAction}
-            self.add_argument(f"--{option.name}", help=option.help, default=None, **kind)
+            group.add_argument(f"--{option.name}", help=option.help, default=None, **kind)
 
 
 def _parser() -> _Parser:

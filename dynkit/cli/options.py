@@ -127,7 +127,8 @@ def _metavar(annotation: str) -> str:
     return next((name for kind, name in kinds.items() if kind in annotation), _NUMBERS)
 
 
-SYSTEM = (*options_of(ImpactChain), *options_of(ImpactOscillator.state, *_START))
+MACHINE, START = options_of(ImpactChain), options_of(ImpactOscillator.state, *_START)
+SYSTEM = (*MACHINE, *START)
 """Options of the chain and of its start."""
 
 OBSERVABLE = Option("observable", "NAME,...", "observables of impacts to keep")
