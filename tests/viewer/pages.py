@@ -14,12 +14,14 @@ from dynkit import (
     Basins,
     BifurcationCurve,
     Branch,
+    Network,
     Page,
     ParameterMap,
     Sweep,
     basins,
     continue_curve,
     continue_orbit,
+    explore,
     parameter_map,
     periodic_orbit,
     sweep,
@@ -51,6 +53,19 @@ def curve() -> BifurcationCurve:
 def branch_of_impacts() -> Branch:
     orbit = CHAIN.periodic_orbit(impacts=1, periods=1)
     return continue_orbit(orbit, "frequency", bounds=(0.8, 1.0))
+
+
+@cache
+def border() -> BifurcationCurve:
+    grazing = next(b for b in branch_of_impacts().bifurcations if b.kind == "GR")
+    bounds = ((0.8, 1.0), (0.6, 1.0))
+    return continue_curve(grazing, ("frequency", "restitution"), bounds=bounds)
+
+
+@cache
+def network() -> Network:
+    orbit = periodic_orbit(Henon(a=0.2, b=0.3), [0.8, 0.2])
+    return explore(Henon(a=0.2, b=0.3), "a", (0.1, 1.0), iterates=2, seeds=[orbit])
 
 
 @cache

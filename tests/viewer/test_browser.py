@@ -12,7 +12,17 @@ import pytest
 from dynkit import Page, view
 from dynkit.viewer.viewing import Viewed
 from tests.browser import Browser
-from tests.viewer.pages import branch, branch_of_impacts, curve, grid, many, plane, swept
+from tests.viewer.pages import (
+    border,
+    branch,
+    branch_of_impacts,
+    curve,
+    grid,
+    many,
+    network,
+    plane,
+    swept,
+)
 
 pytestmark = pytest.mark.browser
 
@@ -64,7 +74,9 @@ def pixel(tab: Browser, x: float, y: float) -> Any:
 Tab = Callable[[Page], Browser]
 
 
-@pytest.mark.parametrize("result", [swept, branch, branch_of_impacts, curve, plane, grid])
+@pytest.mark.parametrize(
+    "result", [swept, branch, branch_of_impacts, curve, border, network, plane, grid]
+)
 def test_a_page_loads_without_a_network_and_without_errors(
     tab: Tab, result: Callable[[], Viewed]
 ) -> None:
@@ -98,6 +110,31 @@ def test_a_click_shows_the_motion_of_that_point(tab: Tab) -> None:
     np.testing.assert_allclose(after[0], series.columns["x₂"], rtol=1e-6, atol=1e-7)
     assert shown.value("$('machine').hidden") is False
     assert shown.errors == []
+
+
+def test_a_click_on_a_curve_in_two_parameters_shows_its_orbit(tab: Tab) -> None:
+    shown, found = tab(border().view(show=False)), border()
+    at = len(found) // 2
+    shown.click(*pixel(shown, *found.parameters[at]))
+    shown.wait("selected > 0")
+    said = selected(shown)
+    names = ("frequency", "restitution")
+    np.testing.assert_allclose([float(said[name]) for name in names], found.parameters[at])
+    assert said["kind"] == "GR, grazing"
+    assert len(drawn(shown, "time")) > 100
+    assert shown.value("$('machine').hidden") is False
+    shown.press("ArrowRight")
+    assert float(selected(shown)["frequency"]) == pytest.approx(found.parameters[at + 1, 0])
+
+
+def test_the_pointer_names_a_point(tab: Tab) -> None:
+    shown, found = tab(network().view(show=False)), network().branches[0]
+    place = pixel(shown, found.parameter[1], found.observable("state[0]")[1, 0])
+    shown.call("Input.dispatchMouseEvent", type="mouseMoved", x=place[0], y=place[1])
+    text = "document.querySelector('.hoverlayer').textContent"
+    shown.wait(f"{text} !== ''")
+    for name in ("label: P(1)", "multipliers: ", "admissible: yes"):
+        assert name in shown.value(text)
 
 
 def test_a_click_on_a_region_shows_its_motion(tab: Tab) -> None:
@@ -193,7 +230,7 @@ def test_twenty_thousand_points_stay_fluid(tab: Tab) -> None:
     assert shown.errors == []
 
 
-@pytest.mark.parametrize("result", [swept, branch, curve, plane, grid])
+@pytest.mark.parametrize("result", [swept, branch, border, network, plane, grid])
 @pytest.mark.parametrize("scheme", ["light", "dark"])
 def test_a_phone_shows_the_whole_page(tab: Tab, result: Callable[[], Viewed], scheme: str) -> None:
     shown = tab(result().view(show=False))

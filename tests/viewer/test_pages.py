@@ -40,6 +40,7 @@ from tests.viewer.pages import (
     data_of,
     grid,
     many,
+    network,
     plane,
     swept,
 )
@@ -160,9 +161,7 @@ def test_starts_in_a_row_show_their_attractors() -> None:
 
 
 def test_a_network_shows_all_branches() -> None:
-    orbit = periodic_orbit(Henon(a=0.2, b=0.3), [0.8, 0.2])
-    found = explore(Henon(a=0.2, b=0.3), "a", (0.1, 1.0), iterates=2, seeds=[orbit])
-    page = found.view(show=False)
+    found, page = network(), network().view(show=False)
     assert len(found) >= 2
     assert len(page.look) == sum(len(each) + len(each.bifurcations) for each in found.branches)
     assert np.unique(page.track).tolist() == list(range(len(found)))
