@@ -34,6 +34,7 @@ release = dynkit.__version__
 version = release
 
 extensions = [
+    "glossary_links",
     "mathml",
     "myst_nb",
     "numpydoc",

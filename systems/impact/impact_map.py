@@ -200,7 +200,9 @@ class ImpactMap(DrivenStructure, Map):
         if given is None:
             return self._default_start
         if not isinstance(given, ImpactState):
-            raise ValueError(f"start must be an ImpactState; got {given!r}")
+            raise ValueError(
+                f"start must be an ImpactState; got {given!r}: state(position, velocity) makes one"
+            )
         return entered(self, given)
 
     def pack_state(self, state: ImpactState) -> Array:

@@ -45,7 +45,7 @@ def has_table_alone(oscillator: ImpactMap) -> None:
     for element in (*oscillator._own, *laws):
         raise NotImplementedError(
             f"these orbits are those of a table of one coordinate, alone; got {element!r}: "
-            "dynkit.periodic_orbit finds orbits of the map"
+            "periodic_orbit(start=...) and attractor.periodic_orbit() find those near a motion"
         )
 
 
