@@ -193,6 +193,9 @@ def continue_curve(
 ) -> BifurcationCurve:
     """Return the curve of bifurcations of one kind through a bifurcation, as two parameters change.
 
+    A curve of BP goes on as long as a symmetry, or an orbit that is always there, makes branches
+    cross. Where the parameters break it, they come apart: the curve ends, at its start if need be.
+
     Parameters
     ----------
     bifurcation : Bifurcation
@@ -252,10 +255,18 @@ def continue_curve(
         limits.append(Bound(m, "frequency", least, np.inf, Reason.DOUBLE_ZERO))
 
     def follow(point: Point) -> Trace:
-        near = equations.near(point.y)
-        *found, ending = Continuation(near, point, tuple(limits), method, _accept)
-        assert isinstance(ending, Ending)
-        return Trace([each for each in found if isinstance(each, Point)], ending=ending)
+        near, found = equations.near(point.y), Trace()
+        for each in Continuation(near, point, tuple(limits), method, _accept):
+            if isinstance(each, Ending):
+                found.ending = each
+                break
+            if equations.is_unfolded(each.y):
+                last = ", ".join(f"{value:.6g}" for value in found.points[-1].y[m + e :])
+                message = f"{Reason.SEPARATED.value}: {names[0]}, {names[1]} {last}"
+                found.ending = Ending(Reason.SEPARATED, message)
+                break
+            found.points.append(each)
+        return found
 
     found, endings = joined(*both_ways(start, follow))
     split = [equations.split(point.y) for point in found]

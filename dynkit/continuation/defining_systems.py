@@ -29,6 +29,8 @@ RESONANCES = tuple(sorted({j / k for k in range(3, 7) for j in range(1, k) if 2 
 _CHANGE, _SHORTER = 1e-2, 4
 # Relative step of a multiplier for the derivative of D.
 _DISTURBED = 1e-7
+# Largest unfolding unknown at a branch point.
+_UNFOLDED = 1e-9
 
 
 class CriticalMultiplier(Condition):
@@ -234,6 +236,10 @@ class BifurcationEquations(CurveEquations):
             f = f + own[0] * self.condition.unfolding
         self._last = y, f
         return np.concatenate([f, self._condition(y)])
+
+    def is_unfolded(self, y: Array) -> bool:
+        """Whether an unfolding term is not zero: then the orbit's equations are not solved."""
+        return self.condition.unfolding is not None and bool(abs(self.split(y)[1][0]) > _UNFOLDED)
 
     def jacobian(self, y: Array) -> Array:
         """Return the derivative, exact along all steps of Newton's method and tangents.

@@ -30,8 +30,8 @@ _HALVINGS = 45
 _OF_BLUR = 0.25
 # Tolerances of `beside` for a solution between two points.
 _WITHIN = (1e-6, 1e-9), 2.0
-# Least abs(sin theta) of NS; largest unfolding unknown of a branch point.
-_FLAT, _UNFOLDED = 1e-3, 1e-9
+# Least abs(sin theta) of NS.
+_FLAT = 1e-3
 # Largest error of a located bifurcation, relative to the range of the parameter.
 _UNSURE = 1e-5
 # Largest distance of multipliers on the unit circle, or eigenvalues on the imaginary axis: double
@@ -198,7 +198,7 @@ def solved(problem: Problem, before: Point, after: Point, crossing: Crossing) ->
         return None
     if kind is BifurcationKind.RS and abs(own[0] - 1.0) > _ON_BORDER:
         return None
-    if kind is BifurcationKind.BP and abs(own[0]) > _UNFOLDED:
+    if equations.is_unfolded(found.y):
         return None
     # at grazing D(mu) is singular for numbers that are not multipliers
     if kind in _PAIRS and _on_the_border(problem, x, p) != 1:

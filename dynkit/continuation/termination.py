@@ -19,6 +19,7 @@ class Reason(Enum):
     NO_SOLUTION = "the equations are not defined beyond"
     RESONANCE = "a strong resonance is near"
     DOUBLE_ZERO = "two eigenvalues are nearly zero"
+    SEPARATED = "beyond, the branches that cross come apart"
     BORDER = "beyond, there is no such orbit"
     INADMISSIBLE = "beyond, it is no motion of the system"
 

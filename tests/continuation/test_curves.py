@@ -68,6 +68,15 @@ def test_a_branch_point_curve() -> None:
     assert abs(curve.own).max() < ROUNDING
 
 
+def test_a_branch_point_curve_ends_where_the_branches_come_apart() -> None:
+    # x^3 - q x = p: branches cross at q = 0 for p = 0 alone
+    start = first(flat("cusp", 0.0, 0.0, -0.5), "q", (-1.0, 1.0), "BP")
+    curve = continue_curve(start, ("q", "p"), bounds=((-1.0, 1.0), (-1.0, 1.0)))
+    assert abs(curve.parameters).max() < 1e-8
+    assert len(curve) == 1
+    assert [ending.reason.name for ending in curve.endings] == ["SEPARATED"] * 2
+
+
 def test_folds_meet_in_a_cusp() -> None:
     start = first(flat("cusp", 0.0, 0.0, 1.0), "p", (-1.5, 1.5), "SN")
     curve = continue_curve(start, ("p", "q"), bounds=((-2.0, 2.0), (-1.0, 2.0)))
