@@ -5,7 +5,7 @@ from __future__ import annotations
 import operator
 import time
 from collections import deque
-from collections.abc import Iterable, Sequence
+from collections.abc import Hashable, Iterable, Sequence
 from concurrent.futures import Executor
 from dataclasses import dataclass, field
 from functools import partial
@@ -200,6 +200,7 @@ class _Exploration:
     searches: list[OrbitSearch[Any]] = field(default_factory=list)
     found: list[Branch] = field(default_factory=list)
     trails: list[Trail] = field(default_factory=list)
+    groups: list[Hashable] = field(default_factory=list)
     links: list[Link] = field(default_factory=list)
     left: list[Unexplored] = field(default_factory=list)
     waiting: deque[tuple[int, int]] = field(default_factory=deque)
@@ -264,9 +265,7 @@ class _Exploration:
         """Return the number of the found branch that contains an orbit, or why that is unknown."""
         while lead.known is None and lead.compared < len(self.found):
             number = lead.compared
-            branch = self.found[number]
-            periodic = branch.spectrum.periodic
-            same = self._group(branch.label, periodic) == self._group_of(lead)
+            same = self.groups[number] == self._group(lead.orbit)
             try:
                 if same and self.trails[number].holds(lead.orbit, self.on_planes):
                     lead.known = number
@@ -287,24 +286,24 @@ class _Exploration:
         if left < _POINTS:
             self._continue([lead], left)
         elif lead not in self.ready:
-            others = [] if self.executor is None else self._others(self._group_of(lead))
+            others = [] if self.executor is None else self._others(self._group(lead.orbit))
             self._continue([lead, *others][: self.most_branches - len(self.found)], left)
         branch = self.ready.pop(lead)
         return branch if isinstance(branch, str) else self._add(branch)
 
-    def _group(self, label: str, periodic: bool) -> str:
-        """Return the group of a label: equal orbits on different planes have different labels."""
-        return "any plane" if self.on_planes and periodic else label
+    def _group(self, orbit: ProblemSolution) -> Hashable:
+        """Return what the same orbits have in common; on different planes labels may differ."""
+        if self.on_planes and isinstance(orbit, PeriodicOrbit):
+            return "any plane"
+        return orbit.label, *orbit.counts.items()
 
-    def _group_of(self, lead: _Lead) -> str:
-        return self._group(lead.orbit.label, isinstance(lead.orbit, PeriodicOrbit))
-
-    def _others(self, group: str) -> list[_Lead]:
+    def _others(self, group: Hashable) -> list[_Lead]:
         """Return the next orbit of each other group that lies on no found branch."""
-        busy, others = {group, *map(self._group_of, self.ready)}, []
+        busy, others = {group, *(self._group(lead.orbit) for lead in self.ready)}, []
         for lead in self.coming:
-            if self._group_of(lead) not in busy and self._known(lead) is None:
-                busy.add(self._group_of(lead))
+            own = self._group(lead.orbit)
+            if own not in busy and self._known(lead) is None:
+                busy.add(own)
                 others.append(lead)
         return others
 
@@ -318,6 +317,7 @@ class _Exploration:
         number = len(self.found)
         self.found.append(branch)
         self.trails.append(Trail(branch))
+        self.groups.append(self._group(branch.orbit(0)))
         self.points += len(branch)
         for place, bifurcation in enumerate(branch.bifurcations):
             at_motions = borders_a_motion(branch.admissible, bifurcation.place)

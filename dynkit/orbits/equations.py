@@ -5,7 +5,7 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any, Self, final
 
 import numpy as np
@@ -174,6 +174,11 @@ class ProblemSolution(Tabled, ABC):
     @abstractmethod
     def label(self) -> str:
         """Kind of the solution."""
+
+    @property
+    def counts(self) -> Mapping[str, float]:
+        """Numbers of events in a period, by what happens; by default none are told apart."""
+        return {}
 
     @property
     @abstractmethod

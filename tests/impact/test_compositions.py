@@ -168,14 +168,8 @@ def test_numbers_of_elements_are_swept_and_stored(tmp_path: Path) -> None:
 
 def test_orbits_with_soft_stops_are_those_of_the_map() -> None:
     attractor = PAIR.attractor(transient=300, impacts=60)
-    for call in (
-        lambda: PAIR.find_orbits(impacts=1, periods=1),
-        lambda: PAIR.periodic_orbits(impacts=1, periods=1),
-    ):
-        with pytest.raises(
-            NotImplementedError, match="table of one coordinate, alone; got SoftStop"
-        ):
-            call()
+    with pytest.raises(NotImplementedError, match="table of one coordinate, alone; got SoftStop"):
+        PAIR.periodic_orbit(phases=[0.1])
     guess = attractor.states[-1]
     given = dynkit.periodic_orbit(PAIR, guess, period=attractor.label.iterates)
     for orbit in (given, attractor.periodic_orbit()):
@@ -326,7 +320,7 @@ def test_a_stop_that_lags_is_a_table_at_another_phase() -> None:
     assert two.time == pytest.approx(one.time, abs=1e-9)
     assert abs(late.difference(two.states, one.states)[:, -1] - 0.7).max() < 1e-9
     with pytest.raises(NotImplementedError, match="table of one coordinate"):
-        late.periodic_orbits()
+        late.periodic_orbit(phases=[0.1])
 
 
 def test_a_stiff_stop_with_a_dashpot_tends_to_a_hard_one() -> None:

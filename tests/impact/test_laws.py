@@ -424,10 +424,8 @@ def test_orbits_by_impulses_refuse_a_law_and_those_of_the_map_do_not() -> None:
     orbit = attractor.periodic_orbit()
     assert orbit.error < 1e-10
     assert abs(orbit.multipliers).max() == pytest.approx(abs(attractor.label.multiplier), rel=1e-5)
-    with pytest.raises(NotImplementedError, match="these orbits are those of a table"):
-        chain.periodic_orbits(periods=3)
     with pytest.raises(NotImplementedError, match="ViscoelasticSpheres"):
-        chain.find_orbits()
+        chain.periodic_orbit(phases=[0.1], periods=3)
     assert dynkit.periodic_orbit(chain, attractor.states[-1:]).stable
 
 

@@ -159,7 +159,7 @@ def test_a_branch_of_bilinear_orbits_passes_its_folds() -> None:
 
 def test_orbits_with_impacts_are_not_of_these_machines() -> None:
     with pytest.raises(NotImplementedError, match="SoftStop"):
-        MACHINE.periodic_orbit(impacts=1)
+        MACHINE.periodic_orbit(phases=[0.1])
     for name in ("restitution", "play", "side"):
         with pytest.raises(ValueError, match=f"{name} must not be given beside elements"):
             BILINEAR.replace(**{name: "below" if name == "side" else 0.5})

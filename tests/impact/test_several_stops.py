@@ -388,7 +388,7 @@ def test_orbits_and_branches_of_several_stops() -> None:
     assert orbit.stable
     assert abs(orbit.multipliers).max() == pytest.approx(abs(attractor.label.multiplier), abs=1e-6)
     with pytest.raises(NotImplementedError, match="HardStop"):
-        MACHINE.periodic_orbit(impacts=1)
+        MACHINE.periodic_orbit(phases=[0.1])
 
 
 def test_parameters_of_all_stops_are_swept() -> None:

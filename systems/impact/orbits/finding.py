@@ -47,8 +47,6 @@ def find_orbits(
     """
     m, began = positive_integer("periods", periods), time.perf_counter()
     guesses: Iterator[tuple[ImpactProblem, Array]]
-    if not (sticking and oscillator._motion is not None):
-        has_table_alone(oscillator)
     if sticking:
         guesses = sticking_guesses(oscillator, m)
     else:

@@ -17,7 +17,6 @@ from dynkit.orbits.equations import Problem
 from dynkit.orbits.events import Condition, Event, WatchedProblem
 from dynkit.orbits.newton import NoSolution
 from dynkit.orbits.problem import PeriodicProblem
-from dynkit.systems.impact.elements.laws import ImpactLaw
 from dynkit.systems.impact.orbits.borders import Border
 from dynkit.systems.impact.orbits.machine import Changes, Regimes
 from dynkit.systems.impact.orbits.orbit import ImpactOrbit
@@ -41,8 +40,7 @@ def has_table_alone(oscillator: ImpactMap) -> None:
             "find_orbits() searches, periodic_orbit(start=...) and attractor.periodic_orbit() find "
             "those near a motion"
         )
-    laws = [stop for stop in oscillator._stops if isinstance(stop.restitution, ImpactLaw)]
-    for element in (*oscillator._own, *laws):
+    for element in oscillator._own:
         raise NotImplementedError(
             f"these orbits are those of a table of one coordinate, alone; got {element!r}: "
             "periodic_orbit(start=...) and attractor.periodic_orbit() find those near a motion"

@@ -1,4 +1,4 @@
-"""Search for orbits where energies are not quadratic: from returns of simulated motions."""
+"""Search for orbits that have no closed form: from returns of simulated motions."""
 
 from __future__ import annotations
 
@@ -33,17 +33,10 @@ def search_returns(oscillator: ImpactMap, impacts: int, periods: int) -> OrbitSe
     ------
     ValueError
         When nothing drives the oscillator.
-    NotImplementedError
-        When there is no hard stop.
     """
     began, found = time.perf_counter(), Found()
     if not oscillator._excitation.turns:
         raise ValueError("system must be driven: amplitude and harmonic_forces are zero")
-    if oscillator._strobed:
-        raise NotImplementedError(
-            f"these orbits are those of hard stops; got {oscillator._elements!r}: "
-            "dynkit.find_orbits finds orbits of the map"
-        )
     parts = list(simulated_motions(oscillator))
     own = [[abs(x).max(initial=0.0) for x in (p.position, p.velocity)] for p in parts if len(p)]
     near = partial(near_return, sizes=np.max([*own, [0.0, 0.0]], axis=0).tolist())
@@ -75,6 +68,6 @@ def near_return(
         if any(event.chatters for event in seen.events) or run.impacts != impacts:
             return None
         length = periods * TWO_PI / system.frequency
-        return guess_of(system, run.start.phase, seen, periods, length, sizes)
+        return guess_of(system, run.start, seen, periods, length, sizes)
     except (NoMotion, NoConvergence) as refusal:
         raise NoSolution(str(refusal)) from refusal

@@ -28,7 +28,6 @@ from dynkit.systems.impact.orbits.itineraries.guesses import (
 )
 from dynkit.systems.impact.orbits.itineraries.terms import drives_of
 from dynkit.systems.impact.orbits.orbit import ImpactOrbit
-from dynkit.systems.impact.orbits.problem import has_table_alone
 from dynkit.systems.impact.simulation.state import TWO_PI
 
 if TYPE_CHECKING:
@@ -54,7 +53,6 @@ def search(oscillator: ImpactMap, impacts: object, periods: object) -> OrbitSear
     began = time.perf_counter()
     n, m = positive_integer("impacts", impacts), positive_integer("periods", periods)
     solvable("impacts", n)
-    has_table_alone(oscillator)
     found = Found()
     for periods_of in range(1, m + 1):
         for problem, guess in one_impact(oscillator, periods_of):

@@ -191,9 +191,7 @@ class ImpactAttractor(Attractor):
         """
         from dynkit.systems.impact.orbits.finding import orbit_of_motion, sticking_orbit_of
         from dynkit.systems.impact.orbits.itineraries.finding import orbit_near
-        from dynkit.systems.impact.orbits.itineraries.itinerary import has_law
 
-        smooth = self._system._motion is not None
         if self._system._own and not self._system._excitation.turns:
             return orbit_near(self._system, self.final, 1)
         n, m = self.label.iterates, self.label.periods
@@ -204,7 +202,7 @@ class ImpactAttractor(Attractor):
             return sticking_orbit_of(self._system, self.final, m)
         rest = max(self.label.simulated - len(self.record), 0)  # so long it took to settle
         record = self._system.attractor(transient=rest, impacts=n, start=self.final).record
-        if self._system._own or has_law(self._system) or smooth or m is None:
+        if m is None or not self._system._table_alone:
             return orbit_near(self._system, record.final, m or 1)
         return orbit_of_motion(record, n, m)
 

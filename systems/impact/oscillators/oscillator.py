@@ -244,10 +244,9 @@ class ImpactOscillator(ImpactMap):
         """
         from dynkit.systems.impact.orbits.finding import orbit_at
         from dynkit.systems.impact.orbits.itineraries.finding import orbit_from
-        from dynkit.systems.impact.orbits.itineraries.itinerary import has_law
 
         others = impacts is phases is sides is None and not boolean("sticking", sticking)
-        if others and (self._own or has_law(self) or self._motion is not None):
+        if others and not self._table_alone:
             return orbit_from(self, periods, start)
         if start is not None:
             raise ValueError(f"start must be given with elements, and periods alone; got {start!r}")
@@ -282,8 +281,9 @@ class ImpactOscillator(ImpactMap):
         every call: from rest on the table, from random states on the table, and from the default
         start.
 
-        Where energies are not quadratic there is no closed form: the search is that of
-        `find_orbits`, and sticking orbits are searched from those of its motions that stick.
+        Where energies are not quadratic, or other elements act than a table of one coordinate,
+        there is no closed form: the search is that of `find_orbits`, and sticking orbits are
+        searched from those of its motions that stick.
 
         Raises
         ------
@@ -295,9 +295,10 @@ class ImpactOscillator(ImpactMap):
         if boolean("sticking", sticking) and impacts is not None:
             raise ValueError(f"impacts must not be given with sticking; got {impacts!r}")
         impacts = 1 if impacts is None else impacts
-        if self._motion is not None and not sticking:
-            found, wanted = self.find_orbits(impacts=impacts, periods=periods), (impacts, periods)
-            return [orbit for orbit in found if (orbit.impacts, orbit.periods) == wanted]
+        if not (self._table_alone or sticking):
+            found = self.find_orbits(impacts=impacts, periods=periods)
+            wanted = f"P({impacts},{periods})"
+            return [orbit for orbit in found if orbit.label == wanted]
         return find_orbits(self, impacts, periods, sticking=sticking)
 
     def find_orbits(self, *, impacts: int = 3, periods: int = 4) -> OrbitSearch[ImpactOrbit]:
@@ -311,10 +312,11 @@ class ImpactOscillator(ImpactMap):
         simulated motion approaches is missed; this can happen to unstable orbits in many
         dimensions. Inadmissible orbits with n >= 2 are found only by chance.
 
-        Where energies are not quadratic, Newton's method starts from close returns alone, for all
-        n: of 1000 impacts from the default start, and 200 from each of 10 random starts, in parts
-        of 200. Soft stops and friction may act beside the hard stops; motions that stick to a hard
-        stop are left out.
+        With other elements than a table of one coordinate, and where energies are not quadratic,
+        Newton's method starts from close returns alone, for all n: of 1000 impacts from the default
+        start, and 200 from each of 10 random starts, in parts of 200. Motions that stick to a hard
+        stop are left out. Without a hard stop an orbit of m periods is P(m,m), and returns are
+        those after m periods.
 
         Parameters
         ----------
@@ -332,10 +334,6 @@ class ImpactOscillator(ImpactMap):
         ------
         ValueError
             When nothing drives the system, or a number is not a positive integer.
-        NotImplementedError
-            With elements beside a table of one coordinate, where energies are quadratic; without a
-            hard stop, where they are not.
-
         Examples
         --------
         >>> from dynkit.systems import ImpactChain
@@ -347,7 +345,7 @@ class ImpactOscillator(ImpactMap):
         from dynkit.systems.impact.orbits.searching import search
 
         n, m = positive_integer("impacts", impacts), positive_integer("periods", periods)
-        return (search if self._motion is None else search_returns)(self, n, m)
+        return (search if self._table_alone else search_returns)(self, n, m)
 
     def plot(self, ax: Axes | None = None) -> Axes:
         """Draw a sketch of the machine: masses, springs, dashpots, stops and friction.

@@ -288,6 +288,11 @@ class DrivenStructure(LagrangianStructure):
         return self._soft if plain and not self._several else self._elements
 
     @property
+    def _table_alone(self) -> bool:
+        """Whether orbits have closed forms in phases: quadratic energies, and a table alone."""
+        return self._motion is None and not self._own
+
+    @property
     def _strobed(self) -> bool:
         """Whether sections are of positions and velocities: there is no hard stop.
 

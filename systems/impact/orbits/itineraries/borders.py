@@ -312,13 +312,29 @@ class VanishingInterval(Border):
 
     def neighbour(self, x: Array, p: Array) -> tuple[Problem, Array] | None:
         s, i = self.problem.at(x, p), self.part
-        n, first = s.events, s.itinerary[i]
-        j = (i + 1) % n
-        if first.element != s.itinerary[j].element or first.kicked or s.itinerary[j].kicked:
+        j = (i + 1) % s.events
+        if s.itinerary[i].element != s.itinerary[j].element or self._kicks(s, [i, j]):
             return None
-        after = s.following[j].mode
-        gone = [i, j] if first.mode == after else [j]
+        whole = self._at_once(s)
+        if s.itinerary[i].mode == s.following[j].mode:
+            whole = [i, j]
+        back = s.itinerary[whole[0]].mode == s.following[whole[-1]].mode
+        gone = whole if back and not self._kicks(s, whole) else [j]
         found: tuple[Problem, Array] | None = self.problem.without(x, p, gone)
+        return found
+
+    @staticmethod
+    def _kicks(s: Any, events: list[int]) -> bool:
+        return any(s.itinerary[i].kicked for i in events)
+
+    def _at_once(self, s: Any) -> list[int]:
+        """Numbers of all events of the element that happen at once, in order."""
+        n, at_once = s.events, abs(s.durations) <= SAME * s.period
+        element, found = s.itinerary[self.part].element, [self.part, (self.part + 1) % n]
+        while len(found) < n and at_once[k := found[-1]] and s.following[k].element == element:
+            found.append((k + 1) % n)
+        while len(found) < n and at_once[k := found[0] - 1] and s.itinerary[k].element == element:
+            found.insert(0, k % n)
         return found
 
 
@@ -399,14 +415,10 @@ class TouchingGuard(Touching):
         numbers = list(mode.numbers)
         numbers[k] = watch.to
         there = regimes_of(system, system._automaton.parts.settled(numbers))
-        back = [
-            g for g, w in enumerate(regimes[watch.to].guards) if w.to == number or w.event == HALT
-        ]
-        back = [g for g in back if (k, g) in there.watched]
-        if there.numbers[k] != watch.to or not back:
+        if there.numbers[k] != watch.to:
             return None
-        both = [Happening(mode, k, self.number), Happening(there, k, back[0])]
-        return self._with(x, p, both)
+        back = _way_back(system, there, k, number)
+        return self._with(x, p, [Happening(mode, k, self.number), *back]) if back else None
 
     def _with(self, x: Array, p: Array, more: list[Happening]) -> tuple[Problem, Array] | None:
         phase = float(self.begin(self.problem.at(x, p))[0])
@@ -414,6 +426,28 @@ class TouchingGuard(Touching):
             return None
         found: tuple[Problem, Array] = self.problem.with_events(x, p, self.part, phase, more)
         return found
+
+
+def _way_back(system: Any, mode: Regimes, k: int, number: int) -> list[Happening]:
+    """Events, as few as can be, by which an element of a mode comes to a regime; empty if none do.
+
+    A dashpot's force vanishes before the gap opens: pressing, lifted, outside.
+    """
+    ways: list[tuple[Regimes, list[Happening]]] = [(mode, [])]
+    regimes, seen = system._elements[k].regimes, {mode.numbers[k]}
+    for now, way in ways:
+        for g, watch in enumerate(regimes[now.numbers[k]].guards):
+            if (k, g) not in now.watched:
+                continue
+            events = [*way, Happening(now, k, g)]
+            if watch.to == number or watch.event == HALT:
+                return events
+            if watch.to not in seen:
+                seen.add(watch.to)
+                numbers = [watch.to if j == k else own for j, own in enumerate(now.numbers)]
+                settled = system._automaton.parts.settled(numbers)
+                ways.append((regimes_of(system, settled), events))
+    return []
 
 
 def _slides(element: Element, mode: Regimes, number: int) -> bool:

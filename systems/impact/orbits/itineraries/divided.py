@@ -13,8 +13,9 @@ from __future__ import annotations
 from collections.abc import Iterator
 from typing import TYPE_CHECKING, Any, NamedTuple
 
+import numpy as np
+
 from dynkit.core.validation import Array
-from dynkit.orbits.newton import NoSolution
 from dynkit.systems.impact.orbits.itineraries.happening import Happening, Itinerary
 
 if TYPE_CHECKING:
@@ -82,18 +83,20 @@ def _between(s: Any, i: int, pair: Pair) -> list[int]:
 def value(s: Any, i: int, pair: Pair) -> Any:
     """The guard of event `i`, over the time since the first one, to the power of the order."""
     among, row = _between(s, i, pair), s.guards[i]
-    if len(among) == 1:
+    if (whole := _whole(s, among)) is None:
         return s.quotient(among[0], row, pair.order)
-    return sum(s.rise(j, row) for j in among) / _whole(s, among)
+    return sum(s.rise(j, row) for j in among) / whole
 
 
 def derivatives(s: Any, i: int, pair: Pair) -> Iterator[tuple[int, Array, float]]:
     """Derivatives of it by each state (D,) just after an event, and by the time to the next."""
     among, row = _between(s, i, pair), s.guards[i]
-    if len(among) == 1:
-        yield among[0], *s.quotient_change(among[0], row, pair.order)
+    if (whole := _whole(s, among)) is None:
+        by_state, by_time = s.quotient_change(among[0], row, pair.order)
+        yield among[0], by_state, by_time
+        yield from ((j, np.zeros_like(by_state), by_time) for j in among[1:])
         return
-    whole, ratio = _whole(s, among), value(s, i, pair)
+    ratio = value(s, i, pair)
     for j in among:
         yield j, s.rise_change(j, row) / whole, float((row @ s.moving[j] - ratio) / whole)
 
@@ -105,7 +108,9 @@ def rounding(s: Any, i: int, pair: Pair) -> float:
 
 
 def _whole(s: Any, among: list[int]) -> Any:
+    """The time between; None where one flow passes it, or where none does, as where all merge.
+
+    A gap that is touched with the force zero has one acceleration in all modes that merge there.
+    """
     whole = sum(s.durations[j] for j in among)
-    if whole == 0.0:
-        raise NoSolution("several events of one element happen at once")
-    return whole
+    return None if len(among) == 1 or whole == 0.0 else whole

@@ -371,8 +371,13 @@ class ItineraryEquations(ImpactProblem):
 
     @property
     def parts(self) -> int:
-        """Number of parts of the orbit that may come again: from release to release, or events."""
-        return len(self.nodes) if self.sticks else len(self.itinerary)
+        """Number of parts of the orbit that may come again: from node to node, or events."""
+        return len(self.nodes) if self._of_nodes else len(self.itinerary)
+
+    @property
+    def _of_nodes(self) -> bool:
+        """Whether it comes again by its nodes: releases, or periods in which nothing happens."""
+        return self.sticks or self.itinerary[0].element < 0
 
     def _may_repeat(self, k: int) -> bool:
         # how many impacts are named before a chatter is a choice
@@ -380,7 +385,7 @@ class ItineraryEquations(ImpactProblem):
 
     def _marked(self, x: Array) -> tuple[Array, Array]:
         phases, impulses, states = self.layout.split(x)
-        if self.sticks:
+        if self._of_nodes:
             return phases[list(self.nodes)], (states / self._state_units).reshape(self.parts, -1)
         pushed = np.zeros((self.layout.events, 1))
         pushed[self.course.hits, 0] = impulses
@@ -389,7 +394,7 @@ class ItineraryEquations(ImpactProblem):
         return phases, pushed / self.sizes[1]
 
     def _shorter(self, k: int, periods: int) -> Self:
-        nodes, end = (self.nodes[:k], self._end(k)) if self.sticks else ((0,), k)
+        nodes, end = (self.nodes[:k], self._end(k)) if self._of_nodes else ((0,), k)
         return self.remade(periods=periods, itinerary=self.itinerary[:end], nodes=nodes)
 
     def _end(self, k: int) -> int:
@@ -398,7 +403,7 @@ class ItineraryEquations(ImpactProblem):
 
     def _part(self, x: Array, k: int) -> Array:
         phases, impulses, states = self.layout.split(x)
-        end, nodes = self._end(k), k if self.sticks else 1
+        end, nodes = self._end(k), k if self._of_nodes else 1
         some = sum(event.kicked is not None for event in self.itinerary[:end])
         return np.concatenate([phases[:end], impulses[:some], states[: nodes * self.dimension]])
 
@@ -454,7 +459,7 @@ class ItineraryEquations(ImpactProblem):
 
     def canonical(self, x: Array) -> Array:
         phases, pushed = self._marked(x)
-        if self.sticks:  # means over the releases, which do not depend on which is the first
+        if self._of_nodes:  # means over the nodes, which do not depend on which is the first
             states = self.layout.split(x)[2].reshape(self.parts, -1)
             n = self.oscillator.degrees_of_freedom
             sizes = np.array([abs(states[:, :n]).max(), abs(states[:, n : 2 * n]).max()])

@@ -58,7 +58,7 @@ def orbit_from(system: ImpactMap, periods: object, start: ImpactState | None) ->
 
 
 def orbit_near(system: ImpactMap, state: ImpactState, periods: int) -> ImpactOrbit:
-    """The orbit near the motion from a state, of so many periods of the forcing.
+    """The orbit near the motion from a state, of so many periods of the forcing or of a part.
 
     Of a machine that nothing drives it is the cycle that the motion makes, whatever the periods.
 
@@ -81,13 +81,10 @@ def orbit_near(system: ImpactMap, state: ImpactState, periods: int) -> ImpactOrb
         run = system._run(state, _CYCLE, store=True, most_switches=_CYCLE)
         seen, length = of_cycle(events_seen(system, run))
         periods = 1
-    if not len(seen.events):
-        seen = _quiet(system, state)
-    begin = state.phase if seen.times.any() else 0.0
-    sizes = _sizes(system, state, seen, length)
-    problem, guess = guess_of(system, begin, seen, periods, length, sizes)
+    problem, guess = guess_of(system, state, seen, periods, length)
     x, history = _solved(problem, guess)
     cost = Cost(time.perf_counter() - began, {"steps": len(history) - 1})
+    problem, x = problem.shortest(x)
     return ImpactOrbit(*problem.in_turn(x), history, cost)
 
 
@@ -100,37 +97,50 @@ def _of_contact(seen: Seen, length: float, turn: float) -> Seen:
     raise NoConvergence(_HELD)
 
 
-def _quiet(system: ImpactMap, state: ImpactState) -> Seen:
-    """A motion in which nothing happens, where a period begins."""
-    run = system._run(state, 2, store=True)
-    numbers = run.regimes[run.segments.mode[-1]]
-    final = run.final
-    marked = Happening(regimes_of(system, numbers), -1, 0)
-    states = np.concatenate([final.position, final.velocity, final.sliders])[None]
-    return Seen(np.zeros(1), (marked,), states)
+def _quiet(system: ImpactMap, state: ImpactState, periods: int) -> Seen:
+    """A motion in which nothing happens, at the begin of each period."""
+    marked, states = [], []
+    for _ in range(periods):
+        run = system._run(state, 1, store=True)
+        state = run.final
+        marked.append(Happening(regimes_of(system, run.regimes[run.segments.mode[-1]]), -1, 0))
+        states.append(np.concatenate([state.position, state.velocity, state.sliders]))
+    times = np.arange(periods) * (TWO_PI / system.frequency)
+    return Seen(times, tuple(marked), np.array(states))
 
 
 def guess_of(
-    system: ImpactMap, begin: float, seen: Seen, periods: int, length: float, sizes: list[float]
+    system: ImpactMap,
+    state: ImpactState,
+    seen: Seen,
+    periods: int,
+    length: float,
+    sizes: list[float] | None = None,
 ) -> tuple[ItineraryEquations, Array]:
-    """Equations with the itinerary of a motion, from a phase on, and its unknowns.
+    """Equations with the itinerary of a motion, from a state on, and its unknowns.
+
+    Sizes are those of positions and velocities, by default the largest of the motion.
 
     Raises
     ------
     NoConvergence
         When a slider never slips, or no stop releases the motion where it begins.
     """
+    if quiet := not len(seen.events):
+        seen = _quiet(system, state, periods)
+    if sizes is None:
+        sizes = _sizes(system, state, seen, length)
     for k in system._automaton.sliders:
         if not any(event.mode.numbers[k] for event in seen.events):
             raise NoConvergence(_STUCK.format(system._elements[k]))
     driven = system._excitation.turns
     clock = system.frequency if driven else TWO_PI / length
-    phases = begin + clock * seen.times
+    phases = clock * seen.times + (0.0 if quiet else state.phase)
     if not driven:
         phases = phases - phases[0]
         phases[0] = length
     course = Course(seen.events, (0,))
-    nodes = course.releases if course.sticks else (0,)
+    nodes = course.releases if course.sticks else tuple(range(periods)) if quiet else (0,)
     if nodes[:1] != (0,):
         raise NoConvergence(_HELD)
     problem = ItineraryEquations(system, (), periods, seen.events, sizes, driven, nodes)

@@ -1,4 +1,4 @@
-"""Motions that a search for orbits starts from, of structures whose energies are not quadratic."""
+"""Motions that a search for orbits without a closed form starts from."""
 
 from __future__ import annotations
 

@@ -25,6 +25,10 @@ from dynkit.systems.impact.simulation.sampling import sample_run, sample_sliders
 from dynkit.systems.impact.simulation.state import TWO_PI
 
 _ROUNDING = 2.0**-52
+_GRAZES = 256.0 * _ROUNDING
+"""Rate of a guard in units of a turn's: with less it is only grazed."""
+_PARTING = 1e-5
+"""Step of central differences in turns of the phase: it balances rounding and curvature."""
 
 
 class Scene(NamedTuple):
@@ -475,7 +479,7 @@ class ShootingSolution(ItinerarySolution):
         Of what nothing drives from the guard of the first event to itself, along the motion. Of
         what sticks from each node to the next one, of motions in contact.
         """
-        d, found = self.dimension, []
+        d, found, least = self.dimension, [], _GRAZES * float(self.frequency)
         for i in range(self.events):
             moving = self.moving[i - 1]
             passed = self.resets[i].copy()
@@ -483,10 +487,14 @@ class ShootingSolution(ItinerarySolution):
                 j = self.impulse_of[i]
                 own = np.outer(self.kicks[i], self.rates[j]) * (1.0 + self._rebounds[1, j])
                 passed = self.resets[i] @ (np.eye(len(own)) - own)
-            rate = float(self.guards[i] @ moving)
-            later = self.guards[i] / rate if rate and (self.driven or i) else 0.0 * self.guards[i]
-            passed = self.transitions[i] @ (passed - np.outer(passed @ moving, later))
-            passed += np.outer(self.moving[i], later)
+            row = self.guards[i] if self.driven or i else 0.0 * self.guards[i]
+            rate = float(row @ moving)
+            if i in self.impulse_of or abs(rate) > least * float(abs(row) @ self.measures):
+                later = row / rate if rate else row
+                passed = self.transitions[i] @ (passed - np.outer(passed @ moving, later))
+                passed += np.outer(self.moving[i], later)
+            else:
+                passed = self.transitions[i] @ (passed + np.outer(self._parting(i), row))
             found.append(passed[:d, :d])
         if not self.driven:
             moving = self.moving[-1, :d]
@@ -501,6 +509,23 @@ class ShootingSolution(ItinerarySolution):
         if self.course.sticks:
             grown = grown.sum() + np.zeros(len(factors))
         return factors, _ROUNDING * grown * abs(factors).max(axis=(1, 2), initial=0.0)
+
+    def _parting(self, i: int) -> Array:
+        """Limit (D,) of what changes of the state's rates at event `i`, over the guard's rate.
+
+        Where a guard is only grazed, both are zero: it is the ratio of their derivatives in time.
+        """
+        moving, step = self.moving[i - 1], _PARTING / self.clock
+        ends = self.reached[i - 1] + step * moving, self.reached[i - 1] - step * moving
+        ahead, behind = (
+            (self.flights(self.following[i - 1].mode).rates(z[None])[0], self.resets[i] @ z)
+            for z in ends
+        )
+        slope = ahead[0] - behind[0]
+        there = self.flights(self.following[i].mode)
+        changed = there.rates(ahead[1][None])[0] - there.rates(behind[1][None])[0]
+        bend = float(self.guards[i] @ slope)
+        return (changed - self.resets[i] @ slope) / bend if bend else 0.0 * slope
 
     def held_directions(self, node: int) -> Array:
         """Scaled changes (2N, d), orthonormal, that leave what is held before a node in contact."""

@@ -84,15 +84,15 @@ def released(system: ImpactMap, state: ImpactState, periods: int, most: int) -> 
         part = from_release(seen, k, begin + length, 0.25 * turn)
         if part is not None and any(event.kicked for event in part.events):
             sizes = sizes_of(system, run, part, begin, length)
-            yield guess_of(system, state.phase, part, periods, length, sizes)
+            yield guess_of(system, state, part, periods, length, sizes)
 
 
 def _starts(oscillator: ImpactMap) -> Iterator[ImpactState]:
     """Releases of steady and of random motions in contact with a stop; a state after a while.
 
-    Where energies are not quadratic the ends of simulated motions that stick.
+    Without closed forms they are the ends of simulated motions that stick.
     """
-    if oscillator._motion is not None:
+    if not oscillator._table_alone:
         motions = simulated_motions(oscillator)
         yield from (record.final for record in motions if len(record.sticking))
         return

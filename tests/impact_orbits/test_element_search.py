@@ -1,0 +1,139 @@
+"""Searches for orbits of machines with elements, and grazing of soft stops both ways."""
+
+from __future__ import annotations
+
+from functools import cache
+
+import numpy as np
+import pytest
+from scipy.optimize import brentq
+
+from dynkit import continue_orbit, explore
+from dynkit.systems import HardStop, ImpactChain, MatrixOscillator, SoftStop, ViscoelasticSpheres
+
+
+def soft(frequency: float, damping: float = 0.2) -> MatrixOscillator:
+    """x'' + 0.05 x' + x = 0.3 sin(phase), before a soft stop at -0.3."""
+    stop = SoftStop(0, offset=-0.3, stiffness=50.0, damping=damping)
+    return MatrixOscillator(
+        M=[[1.0]],
+        C=[[0.05]],
+        K=[[1.0]],
+        frequency=frequency,
+        harmonic_forces=[0.3],
+        elements=[stop],
+    )
+
+
+def response(frequency: float) -> complex:
+    """That which the stop does not touch, x = Im(response exp(i phase))."""
+    return complex(0.3 / (1.0 - frequency**2 + 0.05j * frequency))
+
+
+def swing(frequency: float) -> float:
+    return abs(response(frequency))
+
+
+@cache
+def grazing() -> float:
+    return float(brentq(lambda w: swing(w) - 0.3, 1.3, 1.6, xtol=1e-15))
+
+
+def test_a_table_that_lags_has_the_orbits_of_a_table() -> None:
+    # those of a table alone are found in another way, with one impact from their closed form
+    table = ImpactChain(masses=1, frequency=2.8, restitution=0.8)
+    stop = HardStop(0, amplitude=0.1, restitution=0.8, phase=0.7)
+    late = ImpactChain(masses=1, frequency=2.8, elements=[stop])
+    known = table.find_orbits(impacts=3, periods=3)
+    found = late.find_orbits(impacts=3, periods=3)
+    for orbit in found:
+        shifted = orbit.states - [*np.zeros(orbit.states.shape[1] - 1), 0.7]
+        same = [other for other in known if other.label == orbit.label]
+        apart = [
+            min(
+                abs(table.difference(np.roll(shifted, k, axis=0), other.states)).max()
+                for k in range(len(shifted))
+            )
+            - (orbit.error + other.error)
+            for other in same
+        ]
+        assert min(apart) <= 0.0
+    admissible = [orbit.label for orbit in found if orbit.admissible]
+    assert admissible == [orbit.label for orbit in known if orbit.admissible]
+    assert admissible == ["P(1,1)", "P(2,2)", "P(3,3)", "P(3,3)"]
+
+
+def test_orbits_between_two_stops_come_with_their_mirror_images() -> None:
+    stops = [
+        HardStop(0, offset=-0.8, restitution=0.7, name="left"),
+        HardStop(0, offset=0.8, side="below", restitution=0.7, name="right"),
+    ]
+    box = MatrixOscillator(
+        M=[[1.0]], C=[[0.1]], K=[[1.0]], frequency=0.7, harmonic_forces=[1.0], elements=stops
+    )
+    found = box.find_orbits(impacts=3, periods=2)
+    assert found[0].label == "P(1,1)"
+    assert {"P(2,1)", "P(3,2)"} <= {orbit.label for orbit in found}
+    for orbit in found:
+        # the mirror image happens half a turn later, at the other stop
+        left, right = (orbit.counts[f"{name}.impacts"] for name in ("left", "right"))
+        image = [o for o in found if (o.counts["left.impacts"], o.label) == (right, orbit.label)]
+        speeds = np.sort(abs(orbit.relative_velocity))
+        gaps = [abs(np.sort(abs(o.relative_velocity)) - speeds).max() for o in image]
+        assert min(gaps) <= 2.0 * orbit.error
+        assert left + right == orbit.impacts
+    (there,) = [orbit for orbit in found if orbit.admissible]
+    known, turn = box.attractor().periodic_orbit().states, 2.0 * np.pi
+    phases = [np.sort(states[:, -1] % turn) for states in (known, there.states)]
+    assert np.allclose(*phases, 0.0, 1e-11)
+    assert [orbit.label for orbit in box.periodic_orbits(impacts=2)] == ["P(2,1)"]
+
+
+def test_orbits_beside_an_impact_law_are_found() -> None:
+    chain = ImpactChain(frequency=0.87, restitution=ViscoelasticSpheres(0.2))
+    stable = [orbit for orbit in chain.find_orbits(impacts=2, periods=3) if orbit.stable]
+    known = chain.attractor().periodic_orbit()
+    assert [orbit.label for orbit in stable] == [known.label] == ["P(1,3)"]
+    assert abs(chain.difference(stable[0].states, known.states)).max() <= stable[0].error
+
+
+def test_without_a_hard_stop_orbits_that_press_and_that_do_not_are_found() -> None:
+    found = soft(2.3).find_orbits(impacts=2, periods=2)
+    quiet, pressing = (orbit for orbit in found if orbit.admissible)
+    assert [quiet.label, pressing.label] == ["P(1,1)", "P(2,2)"]
+    assert [orbit.counts["elements[0].presses"] for orbit in (quiet, pressing)] == [0, 1]
+    x, v = quiet.states[0]
+    assert abs(np.hypot(x, v / 2.3) - swing(2.3)) <= quiet.error
+    again = soft(2.3).periodic_orbit(periods=2, start=soft(2.3).state([x], [v]))
+    assert again.label == "P(1,1)"  # not the same one run through twice
+
+
+@pytest.mark.parametrize("damping", [0.0, 0.2])
+def test_a_branch_goes_through_grazing_of_a_soft_stop_both_ways(damping: float) -> None:
+    # a dashpot lets go before the gap opens: three events merge there, of a spring alone two
+    low, high, at = 1.41, 1.6, soft(1.5, damping)
+    start = at.state([response(1.5).imag], [1.5 * response(1.5).real])
+    quiet = continue_orbit(at.periodic_orbit(start=start), "frequency", bounds=(low, high))
+    (touch,) = quiet.bifurcations
+    assert touch.kind == "GR"
+    assert abs(touch.value - grazing()) <= touch.error < 1e-12
+    (pressing,) = touch.switch()
+    assert pressing.counts["elements[0].presses"] == 1
+    branch = continue_orbit(pressing, "frequency", bounds=(low, high), largest_step=0.2)
+    assert "SN" in [found.kind for found in branch.bifurcations]
+    (touched,) = [found for found in branch.bifurcations if found.kind == "GR"]
+    assert abs(touched.value - grazing()) <= touched.error
+    # multipliers have a limit, and the orbit that only grazes has it
+    ends = branch.multipliers[[0, -1]]
+    nearest = ends[np.argmin(abs(branch.parameter[[0, -1]] - grazing()))]
+    assert abs(np.sort_complex(nearest) - np.sort_complex(pressing.multipliers)).max() < 1e-3
+    (back,) = touched.switch()
+    assert back.counts["elements[0].presses"] == 0
+    assert abs(np.hypot(*(back.states[0] / [1.0, grazing()])) - 0.3) < 1e-12
+
+
+def test_an_exploration_of_a_soft_stop_links_its_branches() -> None:
+    network = explore(soft(2.0), "frequency", (1.3, 1.8), values=1, iterates=1, periods=1)
+    assert len(network.branches) == 2
+    links = [network.branches[link.branch].bifurcations[link.bifurcation] for link in network.links]
+    assert "GR" in [found.kind for found in links]
