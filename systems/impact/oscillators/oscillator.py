@@ -334,6 +334,7 @@ class ImpactOscillator(ImpactMap):
         ------
         ValueError
             When nothing drives the system, or a number is not a positive integer.
+
         Examples
         --------
         >>> from dynkit.systems import ImpactChain

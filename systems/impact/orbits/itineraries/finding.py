@@ -105,7 +105,7 @@ def _quiet(system: ImpactMap, state: ImpactState, periods: int) -> Seen:
         state = run.final
         marked.append(Happening(regimes_of(system, run.regimes[run.segments.mode[-1]]), -1, 0))
         states.append(np.concatenate([state.position, state.velocity, state.sliders]))
-    times = np.arange(periods) * (TWO_PI / system.frequency)
+    times = np.arange(float(periods)) * (TWO_PI / system.frequency)
     return Seen(times, tuple(marked), np.array(states))
 
 

@@ -525,7 +525,7 @@ class ShootingSolution(ItinerarySolution):
         there = self.flights(self.following[i].mode)
         changed = there.rates(ahead[1][None])[0] - there.rates(behind[1][None])[0]
         bend = float(self.guards[i] @ slope)
-        return (changed - self.resets[i] @ slope) / bend if bend else 0.0 * slope
+        return np.asarray((changed - self.resets[i] @ slope) / bend if bend else 0.0 * slope)
 
     def held_directions(self, node: int) -> Array:
         """Scaled changes (2N, d), orthonormal, that leave what is held before a node in contact."""
