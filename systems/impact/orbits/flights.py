@@ -5,17 +5,16 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from functools import cached_property
-from typing import Any, final
+from typing import final
 
 import numpy as np
-from numpy.typing import NDArray
 
 from dynkit.core.validation import Array
 
 LEAST, MOST = 24, 4096
 """Cells of a flight."""
 
-_REFINEMENTS, _CONVERGED = 12, 1e-5
+_REFINEMENTS = 12
 
 
 def smallest_minimum(
@@ -32,68 +31,19 @@ def smallest_minimum(
     rounding : float
         What rounding leaves in values: where the rate is zero at first it makes dips of its own.
     """
-    (gap, rate, bend), step = values, times[1] - times[0]
-    inner = ((gap[1:-1] < gap[:-2]) & (gap[1:-1] <= gap[2:])).nonzero()[0] + 1
-    cells, guesses = _dips(times, values, inner)
-    # where the parabola through the rate, its slope and the slopes beside it is zero
-    r, b, curved = rate[inner], bend[inner], (bend[inner + 1] - bend[inner - 1]) / step
-    away = b + np.sqrt(np.maximum(b * b - curved * r, 0.0))
-    move = _clipped(-2.0 * r / np.where(b > 0.0, away, np.inf), -step, step)
-    at = np.concatenate([times[inner] + move, guesses])
-    if not len(at):
+    from dynkit.systems.impact.orbits.flight_kernels import find_dips, refine_dips
+
+    found = np.empty((6, 2 * len(times)))
+    at, low, high, lowest, ends = *found[:4], found[4:]
+    inner, count = find_dips(times, values, at, low, high, ends)
+    if not count:
         return math.inf, math.nan
-    low = times[np.concatenate([inner - 1, cells])]
-    high = times[np.concatenate([inner + 1, cells + 1])]
+    at, lowest, step = at[:count], lowest[:count], float(times[1] - times[0])
     for _ in range(_REFINEMENTS):
-        lowest, rate, bend = curve(at, 3)
-        move = _clipped(-rate / np.where(bend > 0.0, bend, np.inf), -step, step)
-        move = _clipped(at + move, low, high) - at
-        at, lowest = at + move, lowest + move * (rate + 0.5 * bend * move)
-        # Newton's method: the next step would be the square of it.
-        if abs(move).max() <= _CONVERGED * step:
+        if refine_dips(curve(at, 3), step, inner, rounding, at, low, high, ends, lowest):
             break
-    # what was taken for a dip may be none
-    if len(cells):
-        dips = slice(len(inner), None)
-        ends = np.array([gap[cells], gap[cells + 1]])
-        apart = (abs(ends - lowest[dips]) > rounding).all(axis=0)
-        real = apart & (bend > 0.0)[dips] & (low < at)[dips] & (at < high)[dips]
-        lowest[dips][~real] = math.inf
     k = int(np.argmin(lowest))
     return (float(lowest[k]), float(at[k])) if lowest[k] < math.inf else (math.inf, math.nan)
-
-
-def _clipped(x: Array, low: Any, high: Any) -> Array:
-    return np.asarray(np.minimum(np.maximum(x, low), high))
-
-
-def _dips(times: Array, values: Array, inner: NDArray[np.intp]) -> tuple[NDArray[np.intp], Array]:
-    """Cells (k,) with a minimum that no inner value shows, and guesses (k,) of its time.
-
-    After a weak impact the gap rises, falls and rises again within a cell or two, and it does so
-    before one: the rates at the ends of a cell tell, or, where they have the same sign, the
-    parabola through them that goes on from the impact's side and is zero twice.
-    """
-    _, rate, bend = values
-    h = times[1] - times[0]
-    turned = (rate[:-1] < 0.0) & (rate[1:] > 0.0)
-    turned[inner] = turned[inner - 1] = False
-    cells = turned.nonzero()[0]
-    part = rate[cells] / (rate[cells] - rate[cells + 1])
-    guesses = times[cells] + h * part
-    # from the left end of each cell, and from the right one
-    begin, bent = np.array([rate[:-1], -rate[1:]]), np.array([bend[:-1], bend[1:]]) * h
-    end = -begin[::-1]
-    curved = end - begin - bent
-    twice = (bent * bent > 4.0 * curved * begin) & (-bent < 2.0 * curved)
-    places = (twice & (begin > 0.0) & (bent < 0.0) & (end > 0.0)).nonzero()
-    right, more = places
-    if len(more):
-        begin, bent, curved = begin[places], bent[places], curved[places]
-        part = (-bent + np.sqrt(bent * bent - 4.0 * curved * begin)) / (2.0 * curved)
-        guesses = np.append(guesses, times[more + right] + (1 - 2 * right) * h * part)
-        cells = np.append(cells, more)
-    return cells, guesses
 
 
 @final
