@@ -277,3 +277,36 @@ def eigenvalues(t: Any, mantissas: Any, exponents: Any, w: Any, cosines: Any, si
             e += more
         mantissas[j], exponents[j] = z, e
     return 0
+
+
+@kernel(entry=True)
+def pair_conjugates(order: Any, mantissas: Any, exponents: Any) -> None:
+    """Round eigenvalues to real numbers and exact conjugate pairs, in place.
+
+    Each, in the given order (d,), is paired with the nearest one left that is its conjugate within
+    the change that makes both of them real. The order is overwritten: -1 for each that is done.
+    """
+    for first in range(order.shape[0]):
+        i = order[first]
+        if i < 0:
+            continue
+        here, other, least = mantissas[i], -1, math.inf
+        for later in range(first + 1, order.shape[0]):
+            j = order[later]
+            if j < 0 or not mantissas[j].imag * here.imag < 0.0:
+                continue
+            apart = exponents[j] - exponents[i]
+            if abs(apart) <= 1:
+                there = np.conj(mantissas[j]) * 2.0**apart
+                distance = abs(there - here)
+                if distance < min(least, abs(here.imag) + abs(there.imag)):
+                    other, least = later, distance
+        if other < 0:
+            mantissas[i] = complex(math.copysign(abs(here), here.real), 0.0)
+            continue
+        j = order[other]
+        order[other] = -1
+        there = np.conj(mantissas[j]) * 2.0 ** (exponents[j] - exponents[i])
+        mantissas[i] = 0.5 * (here + there)
+        mantissas[j] = np.conj(mantissas[i])
+        exponents[j] = exponents[i]

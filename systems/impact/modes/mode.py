@@ -45,7 +45,7 @@ class Mode:
         self.structure = structure
         self.forced = forced
         self.layout, self.propagators = forced.arranged(~seen, turns=excitation.turns)
-        self._known: dict[bytes, tuple[Any, Any, Array]] = {}
+        self._known: dict[bytes, tuple[Any, Any]] = {}
         self.bodies = len(forced.rest)
         self._anchored = self._anchors = np.zeros(0, dtype=np.intp)
         self._drifts = np.zeros(0)
@@ -217,7 +217,7 @@ class Mode:
         """States (m, 2, slots) at durations (m,) from some of the starts (k, 2, slots)."""
         from dynkit.exponential.sampling_kernels import sample
 
-        ladder, work = self.propagators.ladder, self._work
+        ladder, work = self.propagators.ladder, self.work
         out, starts = np.empty((len(durations), *starts.shape[1:])), np.ascontiguousarray(starts)
         size = cells_of_a_call(starts.shape[2])
         for begin in range(0, len(durations), size):
@@ -226,8 +226,8 @@ class Mode:
         return out
 
     @cached_property
-    def _work(self) -> Any:
-        """Buffers of `after`: no other thread runs while a kernel does."""
+    def work(self) -> Any:
+        """Buffers of kernels that fly states: no other thread runs while a kernel does."""
         return workspace(self.layout.slots)
 
     def flown(self, start: Array, durations: Array) -> Array:
@@ -236,42 +236,33 @@ class Mode:
 
     def rate(self, states: Array) -> Array:
         """Rates of change (..., 2, slots) of states."""
-        ladder = self.propagators.ladder
-        g = ladder.generator
-        out: Array = g[0:4:2] * states[..., :1, :] + g[1:4:2] * states[..., 1:, :]
-        for (t, s), b in zip(ladder.links.tolist(), ladder.link_step[0], strict=True):
-            out[..., t] += states[..., s] @ b.reshape(2, 2).T
+        from dynkit.systems.impact.modes.transition_kernels import rates
+
+        out, ladder = np.empty(states.shape), self.propagators.ladder
+        flat = np.ascontiguousarray(states).reshape(-1, *states.shape[-2:])
+        rates(ladder, flat, out.reshape(flat.shape))
         return out
 
-    def _apart(self, slots: Any) -> tuple[Any, Any, Array]:
-        """Slots without links, slots with links, each ascending, and unit states.
-
-        The unit states (2 + 2b, 2, slots) are two for all slots without links together, and two for
-        each of the b linked slots.
-        """
+    def _apart(self, slots: Any) -> tuple[Any, Any]:
+        """Slots without links, and slots with links, each ascending."""
         key = slots.tobytes()
         if key not in self._known:
             linked = np.intersect1d(self.propagators.links, slots)
-            alone = np.setdiff1d(slots, linked)
-            starts = np.zeros((2 + 2 * len(linked), 2, self.layout.slots))
-            starts[0, 0, alone] = starts[1, 1, alone] = 1.0
-            for i, slot in enumerate(linked.tolist()):
-                starts[2 + 2 * i, 0, slot] = starts[3 + 2 * i, 1, slot] = 1.0
-            self._known[key] = alone, linked, starts
+            self._known[key] = np.setdiff1d(slots, linked), linked
         return self._known[key]
 
     def transitions(self, durations: Array, among: Any = None) -> Transitions:
         """Transitions over the durations (k,) among some slots, the modes by default."""
-        alone, linked, starts = self._apart(self.layout.modes if among is None else among)
-        count, k = len(starts), len(durations)
-        ends = self.after(starts, np.arange(k * count) % count, durations.repeat(count))
-        ends = ends.reshape(k, count, 2, self.layout.slots)
-        return Transitions(
-            alone,
-            linked,
-            ends[:, :2].transpose(0, 2, 1, 3),
-            ends[:, 2:][..., linked].transpose(0, 2, 3, 1),
-        )
+        from dynkit.systems.impact.modes.transition_kernels import fly_units
+
+        alone, linked = self._apart(self.layout.modes if among is None else among)
+        k, b, slots = len(durations), len(linked), self.layout.slots
+        own, joint = np.zeros((k, 2, 2, slots)), np.empty((k, 2, b, 2 * b))
+        ladder, size = self.propagators.ladder, cells_of_a_call(slots)
+        for begin in range(0, k, size):
+            now = slice(begin, begin + size)
+            fly_units(ladder, self.work, alone, linked, durations[now], own[now], joint[now])
+        return Transitions(alone, linked, own, joint)
 
 
 @final
@@ -327,28 +318,28 @@ class Transitions:
             out[at] = np.linalg.norm(back @ matrices, 2, axis=(1, 2))
         return out
 
-    def periodic(self, state: Array, multiplier: complex = 1.0) -> Any:
-        """Return z, (2, slots), with z = state + transition(z) / multiplier, first duration.
+    def periodic(self, states: Array, multiplier: complex = 1.0) -> Any:
+        """Return z, (k, 2, slots), with z = state + transition(z) / multiplier, first duration.
 
-        It is the state just after a kick that is repeated after every period, multiplied each time.
-        In slots without transition it is the state after one kick.
+        They are the states just after kicks that are repeated after every period, multiplied each
+        time. In slots without transition they are the states after one kick.
 
         Raises
         ------
         NoSolution
             When the multiplier is one of the free motion.
         """
-        (a, b), (c, d) = self.own[0] / multiplier
-        a, d = 1.0 - a, 1.0 - d
-        determinant = a * d - b * c
-        if not determinant.all():
+        from dynkit.systems.impact.modes.transition_kernels import repeat
+
+        number: Any = multiplier if isinstance(multiplier, complex) else float(multiplier)
+        out = np.empty(states.shape, dtype=type(number))
+        if not repeat(self.own, states, number, out):
             raise NoSolution("the free motion of the structure has that multiplier itself")
-        y, z = state
-        out = np.array([d * y + b * z, a * z + c * y]) / determinant
         if len(self.linked):
-            flat = state[:, self.linked].T.ravel()
-            matrix = np.eye(flat.size) - self._dense[0] / multiplier
-            out[:, self.linked] = np.linalg.solve(matrix, flat).reshape(-1, 2).T
+            flat = states[..., self.linked].swapaxes(-1, -2).reshape(len(states), -1)
+            matrix = np.eye(flat.shape[1]) - self._dense[0] / multiplier
+            found = np.linalg.solve(matrix, flat.T).T.reshape(len(states), -1, 2)
+            out[..., self.linked] = found.swapaxes(-1, -2)
         return out
 
 

@@ -121,3 +121,28 @@ def refine_dips(
             if not (apart > rounding and bend > 0.0 and low[k] < at[k] < high[k]):
                 lowest[k] = math.inf
     return longest <= CONVERGED * step
+
+
+@kernel(entry=True)
+def least_coefficient(values: Array, h: float, first: bool, last: bool) -> float:
+    """Least Bernstein coefficient of the quintic Hermite polynomials of a curve on its cells.
+
+    Parameters
+    ----------
+    values
+        (3, c + 1) the curve with its first two derivatives at the ends of the cells
+    h
+        length of a cell
+    first, last
+        whether the curve itself is left out where it begins, and ends
+    """
+    least, count = math.inf, values.shape[1] - 1
+    for i in range(count + 1):
+        gap, rate, bend = values[0, i], 0.2 * h * values[1, i], 0.05 * h * h * values[2, i]
+        if not ((first and i == 0) or (last and i == count)):
+            least = min(least, gap)
+        if i < count:
+            least = min(least, gap + rate, gap + 2.0 * rate + bend)
+        if i > 0:
+            least = min(least, gap - rate, gap - 2.0 * rate + bend)
+    return least

@@ -124,6 +124,8 @@ class Numbers(NamedTuple):
         Of each element.
     flights : (j,)
         Of flights by Taylor's method, in some modes.
+    clock_alone : bool
+        Whether all but the frequency are zero.
     """
 
     frequency: Any
@@ -131,6 +133,7 @@ class Numbers(NamedTuple):
     matrices: Any
     own: list[Any]
     flights: Any
+    clock_alone: bool
 
     @classmethod
     def split(cls, oscillator: DrivenStructure, numbers: Any) -> Numbers:
@@ -138,7 +141,8 @@ class Numbers(NamedTuple):
         n = oscillator.degrees_of_freedom
         ends = np.cumsum([1, 3 * n, 3 * n * n, *map(_count, oscillator._elements)])
         first, forces, matrices, *own, flights = np.split(numbers, ends)
-        return cls(first[0], forces.reshape(3, n), matrices.reshape(3, n, n), own, flights)
+        alone = not numbers[1:].any()
+        return cls(first[0], forces.reshape(3, n), matrices.reshape(3, n, n), own, flights, alone)
 
 
 def _count(element: Element) -> int:
@@ -237,7 +241,7 @@ class Machine:
         numbers: Any = numbers_of(oscillator)
         if change is not None:
             numbers = numbers + 1j * STEP * change[: len(numbers)]
-        self.frequency, forces, matrices, self._own, _ = Numbers.split(oscillator, numbers)
+        self.frequency, forces, matrices, self._own, *_ = Numbers.split(oscillator, numbers)
         self.mass, self.damping, self.stiffness = matrices
         self.sliders, self.normal = (
             oscillator._automaton.sliders,

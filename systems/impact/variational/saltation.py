@@ -40,10 +40,9 @@ def saltation(slope: float | Array, rates: Array, bends: Array) -> Array:
     They depend on g' and g'' before the impacts, (n,); q is -(1 + r) where r is constant. They are
     zero where the motion only touches, g' = 0, since no derivative exists there.
     """
-    found, hit = np.zeros((len(rates), 2)), rates != 0.0
-    by_rate = np.broadcast_to(1.0 + slope, len(rates))[hit]
-    found[hit, 0] = by_rate * bends[hit] / rates[hit]
-    found[hit, 1] = -by_rate
+    found, hit = np.empty((len(rates), 2)), rates != 0.0
+    found[:, 0] = (1.0 + slope) * bends / np.where(hit, rates, np.inf)
+    found[:, 1] = -(1.0 + slope) * hit
     return found
 
 

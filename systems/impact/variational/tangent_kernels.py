@@ -128,6 +128,26 @@ def _orthonormalise(frame: Array, lost: int, logs: Array, step: int) -> None:
 
 
 @kernel(entry=True)
+def strike(vectors: Array, sides: Indices, jumps: Array, frames: Array) -> None:
+    """Multiply the rows of each frame by the effect of an impact: see `stretch`.
+
+    Parameters
+    ----------
+    vectors
+        (e, 4, 2N) of each stop.
+    sides
+        (n,) of which stop each impact is.
+    jumps
+        (n, 2): bend, and kick and push.
+    frames
+        (n, k, 2N) modified in place.
+    """
+    for step in range(sides.shape[0]):
+        own, jump = vectors[sides[step]], jumps[step]
+        _jump(own, jump[0], jump[1], jump[1], frames[step])
+
+
+@kernel(entry=True)
 def stretch(
     blocks: Array,
     which: Indices,

@@ -176,7 +176,8 @@ class ItineraryEquations(ImpactProblem):
     def _scene(self, p: Array) -> responses.Scene | shooting.Scene:
         if self.responds and self._plain:
             # No need of a system for each value.
-            terms = Terms.of(self.oscillator, dict(zip(self._names, p.tolist(), strict=True)))
+            values = dict(zip(self._names, p.tolist(), strict=True))
+            terms = self._terms.at(self.oscillator, values)
             own = self.oscillator, self._windows, terms, self._measures
             return responses.Scene(*own, partial(self.system, p))
         system = self.system(p) if self._names else self.oscillator
@@ -190,18 +191,23 @@ class ItineraryEquations(ImpactProblem):
         return windows_of(self.oscillator)
 
     @cached_property
+    def _terms(self) -> Terms:
+        return Terms.of(self.oscillator)
+
+    @cached_property
     def _plain(self) -> bool:
         """Whether the free parameters are in closed form, and change nothing but themselves."""
         own = self.oscillator
         return not own.elements and all(changes_alone(own, name) for name in self._names)
 
     def _solution(self, x: Array, scene: Any) -> ResponseSolution | ShootingSolution:
-        phases, impulses, states = self.layout.split(x)
-        turn, turns = 0.0, TWO_PI * self.periods
+        own, impulses, states = self.layout.split(x)
+        turn, phases = 0.0, np.empty(len(own) + 1)
+        phases[:-1] = own
         if not self.driven:
-            turn, phases = phases[0], np.append(0.0, phases[1:])
-        states = states.reshape(-1, self.dimension)
-        lap = Lap(np.append(phases, phases[0] + turns), turn, impulses, states)
+            turn, phases[0] = own[0], 0.0
+        phases[-1] = phases[0] + TWO_PI * self.periods
+        lap = Lap(phases, turn, impulses, states.reshape(-1, self.dimension))
         if self.responds:
             return ResponseSolution(scene, self.course, lap)
         kind = LinearSolution if self.oscillator._motion is None else TaylorSolution

@@ -13,7 +13,7 @@ from dynkit.systems.impact.variational.saltation import saltation
 
 if TYPE_CHECKING:
     from dynkit.systems.impact.modes.mode import Transitions
-    from dynkit.systems.impact.orbits.itineraries.responses import ResponseSolution
+    from dynkit.systems.impact.orbits.itineraries.responses import ResponseSolution, Windows
 
 LARGE = 50
 """From so many coordinates on, the multipliers are found without a matrix of all of them."""
@@ -32,12 +32,12 @@ def multipliers(solution: ResponseSolution) -> Any:
         found = np.zeros(2 * len(slots), dtype=complex)
         found[0] = np.inf
         return found
-    flights, jumps = _passages(solution)
-    if len(jumps) <= FEW and len(flights.alone) >= LARGE and not len(flights.linked):
-        roots = _secular(flights, jumps)
+    flights, sides, numbers = _passages(solution)
+    if len(sides) <= FEW and len(flights.alone) >= LARGE and not len(flights.linked):
+        roots = _secular(flights, _jumps(solution.windows, sides, numbers))
         if roots is not None:
             return roots[np.lexsort((-roots.imag, -abs(roots)))]
-    return product_eigenvalues(_jumped(flights.matrices(slots), slots, jumps))
+    return product_eigenvalues(_struck(solution, flights.matrices(slots), sides, numbers))
 
 
 def factors(solution: ResponseSolution) -> tuple[Array, Array] | None:
@@ -48,13 +48,13 @@ def factors(solution: ResponseSolution) -> tuple[Array, Array] | None:
     """
     if not solution.impulses.all():
         return None
-    flights, jumps = _passages(solution)
+    flights, *jumps = _passages(solution)
     slots = solution.mode.layout.modes
     matrices = flights.matrices(slots)
     states = np.zeros((*matrices.shape[:2], 2, solution.mode.layout.slots))
     states[..., slots] = matrices.transpose(0, 2, 1).reshape(*states.shape[:2], 2, -1)
     rates = solution.mode.rate(states)[..., slots].reshape(matrices.shape).transpose(0, 2, 1)
-    found, changed = (_jumped(part, slots, jumps) for part in (matrices, rates))
+    found, changed = (_struck(solution, part, *jumps) for part in (matrices, rates))
     late = LATE * solution.period * (_norms(changed) / _norms(found)).max()
     return found, (ROUNDING + float(late)) * _norms(found)
 
@@ -63,19 +63,19 @@ def _norms(matrices: Array) -> Array:
     return np.asarray(np.linalg.norm(matrices, axis=(1, 2)))
 
 
-def _jumped(matrices: Array, slots: Any, jumps: list[tuple[Array, Array]]) -> Array:
-    """Matrices (n, 2N, 2N) of flights, and of the impact after each; modified in place."""
-    for matrix, (left, right) in zip(matrices, jumps, strict=True):
-        flat = left[:, slots].reshape(-1, 2), right[:, slots].reshape(-1, 2)
-        matrix += flat[0] @ (flat[1].T @ matrix)
-    return matrices
+def _struck(solution: ResponseSolution, matrices: Array, sides: Any, numbers: Array) -> Array:
+    """Matrices (n, 2N, 2N) of flights, and of the impact after each."""
+    from dynkit.systems.impact.variational.tangent_kernels import strike
+
+    frames = np.ascontiguousarray(matrices.transpose(0, 2, 1))
+    strike(solution.windows.vectors, sides, numbers, frames)
+    return frames.transpose(0, 2, 1)
 
 
-def _passages(solution: ResponseSolution) -> tuple[Transitions, list[tuple[Array, Array]]]:
-    """Flights after each impact in turn, and what the next impact makes of their ends.
+def _passages(solution: ResponseSolution) -> tuple[Transitions, Any, Array]:
+    """Flights after each impact in turn; stops (n,) of the impacts that end them, and `saltation`.
 
-    An impact takes a disturbance of the free state times 1 + U V', both (2, slots, 2): see
-    `saltation`.
+    The numbers of the saltation are (n, 2).
     """
     windows, order = solution.windows, np.argsort(solution.event_phases)
     one = len(order) == 1
@@ -84,14 +84,18 @@ def _passages(solution: ResponseSolution) -> tuple[Transitions, list[tuple[Array
     rates = -solution.impulses / (1.0 + r)
     turns = (windows.rows[:, 2] * windows.kicks.reshape(len(windows.kicks), -1)).sum(axis=1)
     bends = solution.gaps[2] - solution.impulses * turns[sides]
-    numbers = saltation(r, rates, bends)
+    ends = np.append(order[1:], order[:1])
+    return flights, sides[ends], saltation(r, rates, bends)[ends]
+
+
+def _jumps(windows: Windows, sides: Any, numbers: Array) -> list[tuple[Array, Array]]:
+    """U and V, both (2, slots, 2), with 1 + U V' the effect of an impact on the free state."""
     jumps = []
-    for i in np.roll(order, -1).tolist():
-        (p, q), side = numbers[i].tolist(), sides[i]
+    for side, (p, q) in zip(sides.tolist(), numbers.tolist(), strict=True):
         place, speed = windows.rows[side, :2].reshape(2, 2, -1)
         right = np.array([p * place + q * speed, q * place]).transpose(1, 2, 0)
         jumps.append((windows.pushes[side], right))
-    return flights, jumps
+    return jumps
 
 
 def _secular(flights: Transitions, jumps: list[tuple[Array, Array]]) -> Any | None:

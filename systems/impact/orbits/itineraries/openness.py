@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -46,21 +45,16 @@ def _surely_open(s: ResponseSolution, i: int, stop: int) -> bool:
     2 sup |f| + 2/5 h sup |f'| + h^2/20 sup |f''|, term by term; its Bernstein coefficients have
     to exceed this. At the ends it is wrong in third order only, where the gap is zero in first.
     """
+    from dynkit.systems.impact.orbits.flight_kernels import least_coefficient
+
     curve = s.curve(i, stop)
-    times, (gap, rate, bend) = curve.nodes
+    times, values = curve.nodes
     h = float(times[1])
     sizes = s.sizes(i, stop)
     caps = 2.0 * sizes[0] + 0.4 * h * sizes[1] + 0.05 * h * h * sizes[2]
     error = float(np.minimum(sizes[3] * h**6 / 46080.0, caps).sum())
     error += abs(s.terms.drives[stop]) * s.frequency**6 * h**6 / 46080.0
     error += curve.rounding
-    left = np.array([gap, gap + 0.2 * h * rate, gap + h * (0.4 * rate + 0.05 * h * bend)])
-    right = np.array([gap, gap - 0.2 * h * rate, gap - h * (0.4 * rate - 0.05 * h * bend)])
-    left, right = left[:, :-1], right[:, 1:]
     # The gap itself is zero at impacts with this stop.
-    own = s.sides[list(s.ends(i))] == stop
-    if own[0]:
-        left[0, 0] = math.inf
-    if own[1]:
-        right[0, -1] = math.inf
-    return bool(min(left.min(), right.min()) > 1.1 * error)
+    first, last = (bool(s.sides[k] == stop) for k in s.ends(i))
+    return bool(least_coefficient(values, h, first, last) > 1.1 * error)

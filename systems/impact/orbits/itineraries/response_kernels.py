@@ -4,57 +4,90 @@ from __future__ import annotations
 
 import math
 
+import numpy as np
+from numpy.typing import NDArray
+
 from dynkit.core.jit import kernel
 from dynkit.core.validation import Array
+from dynkit.exponential.evaluation_kernels import FOUND, START, Ladder, Workspace
+from dynkit.systems.impact.modes.transition_kernels import fly_start
 
 
-@kernel(entry=True, reorder=True)
+@kernel()
+def _flown(ladder: Ladder, given: Array, k: int, time: float, states: Array) -> int:
+    """Fly one of the given states, and return the number of the result among the states."""
+    for i in range(given.shape[2]):
+        states[START, 0, i], states[START, 1, i] = given[k, 0, i], given[k, 1, i]
+    if time == 0.0:
+        return START
+    fly_start(ladder, time, states)
+    return FOUND
+
+
+@kernel(reorder=True)
+def _product(rows: Array, side: int, order: int, states: Array, k: int) -> float:
+    """Product of a row, (2 slots,), with a state."""
+    total, slots = 0.0, states.shape[2]
+    for i in range(slots):
+        total += rows[side, order, i] * states[k, 0, i]
+        total += rows[side, order, slots + i] * states[k, 1, i]
+    return total
+
+
+@kernel(entry=True)
 def assemble(
+    ladder: Ladder,
+    work: Workspace,
     rows: Array,
-    spread: Array,
-    sides: Array,
+    kicked: Array,
+    moved: Array,
+    sides: NDArray[np.intp],
     numbers: Array,
     phases: Array,
     impulses: Array,
     clock: float,
+    turn: float,
+    spread: Array,
     responses: Array,
     steady: Array,
     gaps: Array,
     left: Array,
     jacobian: Array,
+    by_frequency: Array,
 ) -> None:
-    """Fill what follows from states at n impacts after unit impulses of each, in place.
+    """Fill what follows from n impulses that repeat after a period, in place.
 
     Parameters
     ----------
+    ladder, work
+        of the free motion; buffers, modified in place
     rows
-        (e, 4, d) products with a state: the gap of a stop, and three derivatives
-    spread
-        (n, n, d) states at the impacts, rows, after unit impulses, columns
+        (e, 4, 2 slots) products with a state: the gap of a stop, and three derivatives
+    kicked, moved
+        (e, 2, slots) states just after a unit impulse of each period, and their derivative by the
+        period
     sides
         (n,) of which stop each impact is
     numbers
         (e, 4) of each stop: steady gap by sine and cosine of the phase, and at rest; restitution
     phases, impulses
         (n,)
-    clock
-        frequency of the phase
+    clock, turn
+        frequency of the phase, and phase of a period
+    spread
+        (n, n, 2, slots) states at the impacts, rows, after unit impulses, columns
     responses
         (4, n, n) gaps and derivatives after unit impulses
     steady, gaps
         (3, n) of the steady response, and in the whole motion, just after the impacts
     left, jacobian
         (2n,), (2n, 2n) equations, gaps and laws, and their derivative by phases and impulses
+    by_frequency
+        (2n,) their derivative by the clock, where amplitudes of the steady response do not change
     """
-    n, d = spread.shape[1], spread.shape[2]
+    n, states = len(sides), work.states
     for i in range(n):
         side = sides[i]
-        for j in range(n):
-            for order in range(4):
-                total = 0.0
-                for k in range(d):
-                    total += rows[side, order, k] * spread[i, j, k]
-                responses[order, i, j] = total
         sine, cosine = math.sin(phases[i]), math.cos(phases[i])
         a, b = numbers[side, 0], numbers[side, 1]
         steady[0, i] = a * sine + b * cosine + numbers[side, 2]
@@ -62,8 +95,24 @@ def assemble(
         steady[2, i] = -clock * clock * (a * sine + b * cosine)
         for order in range(3):
             gaps[order, i] = steady[order, i]
-            for j in range(n):
+        by_frequency[i], by_frequency[n + i] = 0.0, steady[1, i] / clock
+        for j in range(n):
+            # an impulse that comes later in the period is that of the period before
+            apart = phases[i] - phases[j]
+            since = (apart - math.floor(apart / turn) * turn) / clock
+            k = _flown(ladder, kicked, sides[j], since, states)
+            for slot in range(kicked.shape[2]):
+                spread[i, j, 0, slot] = states[k, 0, slot]
+                spread[i, j, 1, slot] = states[k, 1, slot]
+            for order in range(4):
+                responses[order, i, j] = _product(rows, side, order, states, k)
+            for order in range(3):
                 gaps[order, i] += responses[order, i, j] * impulses[j]
+            k = _flown(ladder, moved, sides[j], since, states)
+            for order in range(2):
+                later = _product(rows, side, order, states, k) * turn / clock
+                later += responses[order + 1, i, j] * since
+                by_frequency[order * n + i] -= later * impulses[j] / clock
         back = numbers[side, 3] / (1.0 + numbers[side, 3])
         left[i] = gaps[0, i]
         left[n + i] = gaps[1, i] - back * impulses[i]
@@ -77,3 +126,56 @@ def assemble(
                 jacobian[row, n + j] = responses[order, i, j]
             jacobian[row, i] += own / clock
         jacobian[n + i, n + i] -= back
+
+
+@kernel(entry=True)
+def respond(
+    ladder: Ladder,
+    work: Workspace,
+    rows: Array,
+    kicked: Array,
+    sides: NDArray[np.intp],
+    since: Array,
+    out: Array,
+) -> None:
+    """Compute gaps and derivatives, (orders, n, n), at times since impulses, (n, n).
+
+    `out` and `work` are modified in place; the others are as in `assemble`.
+    """
+    n, states = len(sides), work.states
+    for i in range(n):
+        for j in range(n):
+            k = _flown(ladder, kicked, sides[j], since[i, j], states)
+            for order in range(out.shape[0]):
+                out[order, i, j] = _product(rows, sides[i], order, states, k)
+
+
+@kernel(entry=True)
+def follow_gap(
+    ladder: Ladder,
+    work: Workspace,
+    rows: Array,
+    side: int,
+    numbers: Array,
+    start: Array,
+    phase: float,
+    clock: float,
+    times: Array,
+    out: Array,
+) -> None:
+    """Compute the gap of a stop and its derivatives, (orders, k), at times (k,) after an impact.
+
+    `out` and `work` are modified in place; the start is (1, 2, slots), the others as in `assemble`.
+    """
+    states, a, b = work.states, numbers[side, 0], numbers[side, 1]
+    for m in range(len(times)):
+        k = _flown(ladder, start, 0, times[m], states)
+        for order in range(out.shape[0]):
+            out[order, m] = _product(rows, side, order, states, k)
+        sine, cosine = math.sin(phase + clock * times[m]), math.cos(phase + clock * times[m])
+        s, c = a * sine + b * cosine, a * cosine - b * sine
+        out[0, m] += s + numbers[side, 2]
+        if out.shape[0] > 1:
+            out[1, m] += clock * c
+        if out.shape[0] > 2:
+            out[2, m] -= clock * clock * s

@@ -34,6 +34,10 @@ class Windows:
         Products with a state are the gap of a stop and its first three derivatives.
     kicks : (e, 2, slots)
         Change of the state by an impulse that changes the rate of the gap by one.
+    pushes : (e, 2, slots, 2)
+        Kicks, and their rates of change.
+    vectors : (e, 4, 2N)
+        Kick, its rate of change, and rows of the gap and of its rate, of the modes.
     bounds : (e, 4, 2, slots)
         Weights of abs(state) that bound the gap, and its derivatives of order 1, 2 and 6, for ever.
     """
@@ -49,26 +53,32 @@ class Windows:
         self.bounds = np.array(
             [[mode.pairs.bound(row, order) for order in (0, 1, 2, 6)] for row in own]
         )
-        self.pushes = np.stack([self.kicks, mode.rate(self.kicks)], axis=-1)
-        self._returns: list[tuple[float, Transitions, Array]] = []
+        pushed, count = mode.rate(self.kicks), len(contacts)
+        self.pushes = np.stack([self.kicks, pushed], axis=-1)
+        seen = self.rows[:, :2].reshape(count, 2, 2, -1)
+        all_four = np.concatenate([self.kicks[:, None], pushed[:, None], seen], axis=1)
+        self.vectors = all_four[..., mode.layout.modes].reshape(count, 4, -1)
+        self._returns: list[tuple[float, Transitions, Array, Array]] = []
 
-    def repeated(self, period: float) -> tuple[Transitions, Array]:
+    def repeated(self, period: float) -> tuple[Transitions, Array, Array]:
         """Transitions over a period, and states (e, 2, slots) just after an impulse per period.
 
-        Results for the last two periods are kept.
+        And the derivative of these states by the period. Results for the last two periods are kept.
 
         Raises
         ------
         NoSolution
             When the free motion has this period itself (resonance without damping).
         """
-        for known, transitions, kicked in self._returns:
+        for known, *found in self._returns:
             if known == period:
-                return transitions, kicked
+                return tuple(found)
         transitions = self.motion.mode.transitions(np.array([period]))
-        kicked = np.array([transitions.periodic(kick) for kick in self.kicks])
-        self._returns = [(period, transitions, kicked), *self._returns[:1]]
-        return transitions, kicked
+        kicked = transitions.periodic(self.kicks)
+        # what the period makes of a periodic state is what it is just before the impulse
+        moved = transitions.periodic(self.motion.mode.rate(kicked - self.kicks))
+        self._returns = [(period, transitions, kicked, moved), *self._returns[:1]]
+        return transitions, kicked, moved
 
 
 _windows: WeakKeyDictionary[Contact, dict[Any, Windows]] = WeakKeyDictionary()
@@ -119,7 +129,7 @@ class ResponseSolution(ItinerarySolution):
         self.mode = scene.windows.motion.mode
         super().__init__(scene.oscillator, scene.measures, course, lap, scene.terms.frequency)
         self.turn = TWO_PI * round(float(lap.phases[-1] - lap.phases[0]) / TWO_PI)
-        self.transition, self.kicked = self.windows.repeated(self.period)
+        self.transition, self.kicked, self._moved = self.windows.repeated(self.period)
         self._curves: dict[tuple[int, int], Curve] = {}
 
     @property
@@ -152,80 +162,65 @@ class ResponseSolution(ItinerarySolution):
 
     # --- responses --------------------------------------------------------------------------------
 
-    def _spread(self, states: Array) -> Array:
-        """States (n, n, 2 slots) at the impacts, rows, of one for each stop, after the impulses."""
-        n = len(self.sides)
-        if n == 1:
-            return np.asarray(states[self.sides].reshape(1, 1, -1))
-        which = np.broadcast_to(self.sides, (n, n)).ravel()
-        return np.asarray(self.mode.after(states, which, self.since.ravel()).reshape(n, n, -1))
-
-    def _seen(self, spread: Array, orders: slice) -> Array:
-        """Gaps and derivatives, (orders, n, n), at the rows of states (n, n, 2 slots)."""
-        rows = self.windows.rows[self.sides, orders]
-        return np.asarray((spread @ rows.transpose(0, 2, 1)).transpose(2, 0, 1))
-
     @cached_property
-    def _kicks(self) -> Array:
-        return self._spread(self.kicked)
-
-    @cached_property
-    def _assembled(self) -> tuple[Array, Array, Array, Array, Array]:
-        """Responses, steady part of the gaps, gaps, equations and their derivative."""
+    def _assembled(self) -> tuple[Array, ...]:
+        """What `assemble` fills, from states at the impacts to the derivative by the frequency."""
         from dynkit.systems.impact.orbits.itineraries.response_kernels import assemble
 
-        n = len(self.sides)
-        out = np.empty((4, n, n)), np.empty((3, n)), np.empty((3, n)), np.empty(2 * n)
-        jacobian = np.empty((2 * n, 2 * n))
-        own = self.windows.rows, self._kicks, self.sides, self.terms.numbers
-        assemble(*own, self.event_phases, self.impulses, self.clock, *out, jacobian)
-        return *out, jacobian
+        n, mode = len(self.sides), self.mode
+        shapes = (n, n, *self.kicked.shape[1:]), (4, n, n), (3, n), (3, n), 2 * n, (2 * n, 2 * n)
+        out = *(np.empty(shape) for shape in shapes), np.empty(2 * n)
+        own = self.windows.rows, self.kicked, self._moved, self.sides, self.terms.numbers
+        at = self.event_phases, self.impulses, self.clock, self.turn
+        assemble(mode.propagators.ladder, mode.work, *own, *at, *out)
+        return out
+
+    @property
+    def _kicks(self) -> Array:
+        """States (n, n, 2, slots) at the impacts, rows, after unit impulses, columns."""
+        return self._assembled[0]
 
     @property
     def responses(self) -> Array:
         """Responses (4, n, n) of gaps and derivatives, at the rows, to unit impulses."""
-        return self._assembled[0]
+        return self._assembled[1]
 
     def _disturbed(self, multiplier: complex) -> Any:
         """The same, (3, n, n), where impulses are multiplied from one period to the next."""
-        periodic = [self.transition.periodic(kick, multiplier) for kick in self.windows.kicks]
-        states = np.array(periodic)
-        out = self._seen(self._spread(np.ascontiguousarray(states.real)), slice(3))
-        if np.iscomplexobj(states):
-            out = out + 1j * self._seen(self._spread(np.ascontiguousarray(states.imag)), slice(3))
-        return out * multiplier**self.turns
+        from dynkit.systems.impact.orbits.itineraries.response_kernels import respond
 
-    @cached_property
-    def _by_period(self) -> Array:
-        """Derivatives (2, n, n) of the first two responses by the period."""
-        # What the period makes of a periodic state is what it is just before the impulse.
-        moved = self.mode.rate(self.kicked - self.windows.kicks)
-        states = np.array([self.transition.periodic(state) for state in moved])
-        return self._seen(self._spread(states), slice(2))
+        n, kept = len(self.sides), (self.mode.propagators.ladder, self.mode.work)
+        states = self.transition.periodic(self.windows.kicks, multiplier)
+        out: Any = 0.0
+        for unit in (1.0, 1j) if np.iscomplexobj(states) else (1.0,):
+            part, seen = np.ascontiguousarray((states / unit).real), np.empty((3, n, n))
+            respond(*kept, self.windows.rows, part, self.sides, self.since, seen)
+            out = out + unit * seen
+        return out * multiplier**self.turns
 
     @property
     def steady(self) -> Array:
         """Steady part (3, n) of `gaps`."""
-        return self._assembled[1]
+        return self._assembled[2]
 
     @property
     def gaps(self) -> Array:
         """Gaps (3, n) at the impacts, and two derivatives in time just after them."""
-        return self._assembled[2]
+        return self._assembled[3]
 
     # --- equations --------------------------------------------------------------------------------
 
     @property
     def left(self) -> Array:
         """What is left of the equations, (m,)."""
-        return self._assembled[3]
+        return self._assembled[4]
 
     def jacobian(self, multiplier: complex) -> Any:
         """Their derivative D(multiplier), (m, m)."""
         if multiplier == 1.0:
-            return self._assembled[4]
+            return self._assembled[5]
         n, back = len(self.sides), self._disturbed(multiplier) - self.responses[:3]
-        out = self._assembled[4].astype(np.result_type(back, multiplier))
+        out = self._assembled[5].astype(np.result_type(back, multiplier))
         # Only impulses of other periods are multiplied.
         rows = out.reshape(2, n, 2 * n)
         rows[..., :n] -= self.impulses * back[1:] / self.clock
@@ -256,7 +251,7 @@ class ResponseSolution(ItinerarySolution):
         """
         n, slots = len(self.sides), self.kicked.shape[-1]
         grown = self.transition.amplification(slots)
-        rates = abs(self.mode.rate(self._kicks.reshape(n, n, 2, slots)))
+        rates = abs(self.mode.rate(self._kicks))
         rates *= abs(self.impulses)[:, None, None]
         others = rates * (1.0 - np.eye(n))[..., None, None]
         late = LATE * self.period * (grown * rates + others).sum(axis=1)
@@ -272,18 +267,16 @@ class ResponseSolution(ItinerarySolution):
         """Their derivative (m,) by a change of all numbers; None where it is not known."""
         oscillator, r = self.oscillator, self.restitutions
         whole, by = change
+        if by.clock_alone and not self.terms.shape.any():
+            return np.asarray(by.frequency * self._assembled[6])
         if by.matrices.any():
             if oscillator.degrees_of_freedom > self.LARGEST:
                 return None
             return _change(self, whole)
-        terms, w = self.terms.change(oscillator, by), self.clock
-        gaps, rates = terms._replace(frequency=w).gaps(self.sides, self.turning, 2)
+        terms = self.terms.change(oscillator, by)
+        gaps, rates = terms._replace(frequency=self.clock).gaps(self.sides, self.turning, 2)
         rates = rates - terms.restitutions[self.sides] / (1.0 + r) ** 2 * self.impulses
-        if by.frequency:
-            later = self.responses[1:3] * self.since + self._by_period * self.period
-            gap, rate = later @ self.impulses * (by.frequency / w)
-            gaps, rates = gaps - gap, rates - rate + by.frequency / w * self.steady[1]
-        return np.concatenate([gaps, rates])
+        return np.concatenate([gaps, rates]) + by.frequency * self._assembled[6]
 
     # --- states -----------------------------------------------------------------------------------
 
@@ -291,7 +284,8 @@ class ResponseSolution(ItinerarySolution):
     def states(self) -> Array:
         """Free states (n, 2, slots) just after each impact."""
         n = len(self.sides)
-        return np.asarray(np.einsum("j,ijs->is", self.impulses, self._kicks).reshape(n, 2, -1))
+        flat = self._kicks.reshape(n, n, -1)
+        return np.asarray(np.einsum("j,ijs->is", self.impulses, flat).reshape(n, 2, -1))
 
     @cached_property
     def _ahead(self) -> Array:
@@ -336,17 +330,20 @@ class ResponseSolution(ItinerarySolution):
     # --- what is watched --------------------------------------------------------------------------
 
     def curve(self, i: int, element: int, guard: int = 0) -> Curve:  # noqa: ARG002
+        from dynkit.systems.impact.orbits.itineraries.response_kernels import follow_gap
+
         if (i, element) not in self._curves:
             t, drive = self.terms, self.terms.drives[element]
             size, bend = self.sizes(i, element)[::2].reshape(2, -1).sum(axis=1).tolist()
             total = size + abs(drive), bend + abs(drive) * self.clock**2
-            rows, phase = self.windows.rows[element], float(self.event_phases[i])
+            own = self.windows.rows, element, t.numbers, self.states[i : i + 1]
+            at = float(self.event_phases[i]), self.clock
+            kept = self.mode.propagators.ladder, self.mode.work
 
             def values(since: Array, orders: int) -> Array:
-                states = self.mode.flown(self.states[i], since)
-                free = rows[:orders] @ states.reshape(len(since), -1).T
-                turn = np.exp(1j * (phase + self.clock * since))
-                return np.asarray(free + t.gaps(element, turn, orders))
+                out = np.empty((orders, len(since)))
+                follow_gap(*kept, *own, *at, since, out)
+                return out
 
             self._curves[i, element] = Curve(values, float(self.lasts[i]), total)
         return self._curves[i, element]

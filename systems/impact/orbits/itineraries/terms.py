@@ -45,6 +45,19 @@ class Terms(NamedTuple):
     rests: Array
     numbers: Array
 
+    def at(self, oscillator: DrivenStructure, changes: Mapping[str, float]) -> Self:
+        """The terms at other values of parameters of the table, that change nothing else.
+
+        Raises
+        ------
+        NoSolution
+            When a value is out of range, or the forces have no steady response.
+        """
+        frequency = changes.get("frequency", 0.0)
+        if len(changes) == 1 and frequency > 0.0 and not self.shape.any():
+            return self._replace(frequency=frequency)
+        return self.of(oscillator, changes)
+
     @classmethod
     def of(cls, oscillator: DrivenStructure, changes: Mapping[str, float] = _NO_CHANGES) -> Self:
         """The terms of an oscillator whose elements are hard stops.
