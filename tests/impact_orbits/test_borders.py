@@ -58,6 +58,7 @@ def test_smallest_gaps_are_those_of_dense_samples(name: str) -> None:
 @pytest.mark.parametrize("height", [1e-2, 1e-5, 1e-7, -1e-7, -1e-5])
 @pytest.mark.parametrize("place", [0.1, 0.4, 0.7, 0.95, 1.3])
 @pytest.mark.parametrize("before", [False, True], ids=["after an impact", "before one"])
+@pytest.mark.plain
 def test_a_dip_beside_a_weak_impact_is_seen(height: float, place: float, before: bool) -> None:
     times = np.linspace(0.0, 1.0, 25)
     h = times[1]
@@ -109,6 +110,7 @@ def test_the_samples_see_orbits_of_both_kinds() -> None:
 
 
 @pytest.mark.parametrize(("periods", "admissible"), [(1, True), (2, False), (3, True)])
+@pytest.mark.plain
 def test_the_paper_chain_at_0_87_skips_no_impact(periods: int, admissible: bool) -> None:
     orbit = ImpactChain(frequency=0.87).periodic_orbit(periods=periods)
     assert orbit.admissible == admissible

@@ -331,7 +331,7 @@ class Transitions:
         """
         from dynkit.systems.impact.modes.transition_kernels import repeat
 
-        number: Any = multiplier if isinstance(multiplier, complex) else float(multiplier)
+        number = np.result_type(np.float64, multiplier).type(multiplier)
         out = np.empty(states.shape, dtype=type(number))
         if not repeat(self.own, states, number, out):
             raise NoSolution("the free motion of the structure has that multiplier itself")

@@ -58,7 +58,7 @@ class Windows:
         seen = self.rows[:, :2].reshape(count, 2, 2, -1)
         all_four = np.concatenate([self.kicks[:, None], pushed[:, None], seen], axis=1)
         self.vectors = all_four[..., mode.layout.modes].reshape(count, 4, -1)
-        self._returns: list[tuple[float, Transitions, Array, Array]] = []
+        self._returns: list[tuple[float, tuple[Transitions, Array, Array]]] = []
 
     def repeated(self, period: float) -> tuple[Transitions, Array, Array]:
         """Transitions over a period, and states (e, 2, slots) just after an impulse per period.
@@ -70,14 +70,14 @@ class Windows:
         NoSolution
             When the free motion has this period itself (resonance without damping).
         """
-        for known, *found in self._returns:
+        for known, found in self._returns:
             if known == period:
-                return tuple(found)
+                return found
         transitions = self.motion.mode.transitions(np.array([period]))
         kicked = transitions.periodic(self.kicks)
         # what the period makes of a periodic state is what it is just before the impulse
         moved = transitions.periodic(self.motion.mode.rate(kicked - self.kicks))
-        self._returns = [(period, transitions, kicked, moved), *self._returns[:1]]
+        self._returns = [(period, (transitions, kicked, moved)), *self._returns[:1]]
         return transitions, kicked, moved
 
 
@@ -276,7 +276,8 @@ class ResponseSolution(ItinerarySolution):
         terms = self.terms.change(oscillator, by)
         gaps, rates = terms._replace(frequency=self.clock).gaps(self.sides, self.turning, 2)
         rates = rates - terms.restitutions[self.sides] / (1.0 + r) ** 2 * self.impulses
-        return np.concatenate([gaps, rates]) + by.frequency * self._assembled[6]
+        by_clock = by.frequency * self._assembled[6]
+        return np.asarray(np.concatenate([gaps, rates]) + by_clock)
 
     # --- states -----------------------------------------------------------------------------------
 
@@ -336,13 +337,12 @@ class ResponseSolution(ItinerarySolution):
             t, drive = self.terms, self.terms.drives[element]
             size, bend = self.sizes(i, element)[::2].reshape(2, -1).sum(axis=1).tolist()
             total = size + abs(drive), bend + abs(drive) * self.clock**2
-            own = self.windows.rows, element, t.numbers, self.states[i : i + 1]
-            at = float(self.event_phases[i]), self.clock
-            kept = self.mode.propagators.ladder, self.mode.work
+            start, phase = self.states[i : i + 1], float(self.event_phases[i])
+            kept = self.mode.propagators.ladder, self.mode.work, self.windows.rows
 
             def values(since: Array, orders: int) -> Array:
                 out = np.empty((orders, len(since)))
-                follow_gap(*kept, *own, *at, since, out)
+                follow_gap(*kept, element, t.numbers, start, phase, self.clock, since, out)
                 return out
 
             self._curves[i, element] = Curve(values, float(self.lasts[i]), total)
