@@ -19,6 +19,10 @@ from dynkit.systems.impact.modes.steady_response import Forced
 from dynkit.systems.impact.modes.structure import Contact, Excitation, Structure
 
 
+RESONANCE = "the free motion of the structure has that multiplier itself"
+"""Why there is no periodic response."""
+
+
 @final
 class Mode:
     """A linear mode of the motion, packed into the slots of the kernels' arrays.
@@ -251,6 +255,30 @@ class Mode:
             self._known[key] = np.setdiff1d(slots, linked), linked
         return self._known[key]
 
+    def repeated(self, period: float, kicks: Array) -> tuple[Transitions, Array, Array]:
+        """Transitions over a period, and states (k, 2, slots) just after kicks that repeat.
+
+        And the derivative of these states by the period.
+
+        Raises
+        ------
+        NoSolution
+            When the free motion has this period itself (resonance without damping).
+        """
+        from dynkit.systems.impact.modes.transition_kernels import repeat_kicks
+
+        alone, linked = self._apart(self.layout.modes)
+        if len(linked):
+            transitions = self.transitions(np.array([period]))
+            kicked = transitions.periodic(kicks)
+            return transitions, kicked, transitions.periodic(self.rate(kicked - kicks))
+        own, joint = np.zeros((1, 2, 2, self.layout.slots)), np.empty((1, 2, 0, 0))
+        kicked, moved = np.empty(kicks.shape), np.empty(kicks.shape)
+        ladder, lasts = self.propagators.ladder, np.array([period])
+        if not repeat_kicks(ladder, self.work, alone, lasts, kicks, own, joint, kicked, moved):
+            raise NoSolution(RESONANCE)
+        return Transitions(alone, linked, own, joint), kicked, moved
+
     def transitions(self, durations: Array, among: Any = None) -> Transitions:
         """Transitions over the durations (k,) among some slots, the modes by default."""
         from dynkit.systems.impact.modes.transition_kernels import fly_units
@@ -334,7 +362,7 @@ class Transitions:
         number = np.result_type(np.float64, multiplier).type(multiplier)
         out = np.empty(states.shape, dtype=type(number))
         if not repeat(self.own, states, number, out):
-            raise NoSolution("the free motion of the structure has that multiplier itself")
+            raise NoSolution(RESONANCE)
         if len(self.linked):
             flat = states[..., self.linked].swapaxes(-1, -2).reshape(len(states), -1)
             matrix = np.eye(flat.shape[1]) - self._dense[0] / multiplier

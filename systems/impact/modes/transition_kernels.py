@@ -112,3 +112,46 @@ def repeat(own: Array, states: Array, multiplier: Any, out: Any) -> bool:
             out[k, 0, i] = (d * y + b * z) / determinant
             out[k, 1, i] = (a * z + c * y) / determinant
     return True
+
+
+@kernel(entry=True)
+def repeat_kicks(
+    ladder: Ladder,
+    work: Workspace,
+    alone: Indices,
+    period: Array,
+    kicks: Array,
+    own: Array,
+    joint: Array,
+    kicked: Array,
+    moved: Array,
+) -> bool:
+    """Compute states just after kicks that repeat, of a mode without links, and their derivatives.
+
+    Parameters
+    ----------
+    alone, own, joint
+        as in `fly_units`, which fills `own`
+    period
+        (1,)
+    kicks
+        (k, 2, slots)
+    kicked, moved
+        (k, 2, slots) modified in place: the states, and their derivatives by the period
+
+    Returns
+    -------
+    bool
+        Whether there are such states: see `repeat`.
+    """
+    fly_units(ladder, work, alone, alone[:0], period, own, joint)
+    if not repeat(own, kicks, 1.0, moved):
+        return False
+    # what the period makes of a periodic state is what it is just before the kick
+    for k in range(kicks.shape[0]):
+        for i in range(kicks.shape[2]):
+            moved[k, 0, i] -= kicks[k, 0, i]
+            moved[k, 1, i] -= kicks[k, 1, i]
+    rates(ladder, moved, kicked)
+    repeat(own, kicked, 1.0, moved)
+    return repeat(own, kicks, 1.0, kicked)

@@ -90,7 +90,7 @@ def _held(problem: ItineraryEquations, side: int) -> Iterator[Array]:
     """
     s: Any = problem.at(np.zeros(2), NONE)
     r, drive, rest = s.terms.restitutions[side], s.terms.drives[side], s.terms.rests[side]
-    g, rate = s.responses[:2, 0, 0].tolist()
+    g, rate = s.assembled.responses[:2, 0, 0].tolist()
     slope = (r / (1.0 + r) - rate) / s.terms.frequency
     square, linear = g * g + slope * slope, rest * g
     discriminant = float(linear * linear - square * (rest * rest - abs(drive) ** 2))

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -34,6 +35,36 @@ def _product(rows: Array, side: int, order: int, states: Array, k: int) -> float
     return total
 
 
+class Assembled(NamedTuple):
+    """What follows from n impulses that repeat after a period.
+
+    Attributes
+    ----------
+    since, turns : (n, n) time from an impulse, a column, to an impact, a row, and how many periods
+        later the impulse is taken: -1 where it comes later in the period
+    lasts, following : (n,) time from each impact to the one that comes next, and its number
+    spread : (n, n, 2, slots) states at the impacts, rows, after unit impulses, columns
+    responses : (4, n, n) gaps and derivatives after unit impulses
+    steady, gaps : (3, n) of the steady response, and in the whole motion, just after the impacts
+    left, jacobian : (2n,), (2n, 2n) equations, gaps and laws, and their derivative by phases and
+        impulses
+    by_frequency : (2n,) their derivative by the clock, where amplitudes of the steady response do
+        not change
+    """
+
+    since: Array
+    turns: Array
+    lasts: Array
+    following: NDArray[np.intp]
+    spread: Array
+    responses: Array
+    steady: Array
+    gaps: Array
+    left: Array
+    jacobian: Array
+    by_frequency: Array
+
+
 @kernel(entry=True)
 def assemble(
     ladder: Ladder,
@@ -47,13 +78,7 @@ def assemble(
     impulses: Array,
     clock: float,
     turn: float,
-    spread: Array,
-    responses: Array,
-    steady: Array,
-    gaps: Array,
-    left: Array,
-    jacobian: Array,
-    by_frequency: Array,
+    out: Assembled,
 ) -> None:
     """Fill what follows from n impulses that repeat after a period, in place.
 
@@ -74,18 +99,9 @@ def assemble(
         (n,)
     clock, turn
         frequency of the phase, and phase of a period
-    spread
-        (n, n, 2, slots) states at the impacts, rows, after unit impulses, columns
-    responses
-        (4, n, n) gaps and derivatives after unit impulses
-    steady, gaps
-        (3, n) of the steady response, and in the whole motion, just after the impacts
-    left, jacobian
-        (2n,), (2n, 2n) equations, gaps and laws, and their derivative by phases and impulses
-    by_frequency
-        (2n,) their derivative by the clock, where amplitudes of the steady response do not change
     """
     n, states = len(sides), work.states
+    steady, gaps, responses = out.steady, out.gaps, out.responses
     for i in range(n):
         side = sides[i]
         sine, cosine = math.sin(phases[i]), math.cos(phases[i])
@@ -95,15 +111,22 @@ def assemble(
         steady[2, i] = -clock * clock * (a * sine + b * cosine)
         for order in range(3):
             gaps[order, i] = steady[order, i]
-        by_frequency[i], by_frequency[n + i] = 0.0, steady[1, i] / clock
+        out.by_frequency[i], out.by_frequency[n + i] = 0.0, steady[1, i] / clock
+        out.lasts[i], out.following[i] = turn / clock, i
+    for i in range(n):
+        side = sides[i]
         for j in range(n):
             # an impulse that comes later in the period is that of the period before
             apart = phases[i] - phases[j]
-            since = (apart - math.floor(apart / turn) * turn) / clock
+            turns = math.floor(apart / turn)
+            since = (apart - turns * turn) / clock
+            out.turns[i, j], out.since[i, j] = turns, since
+            if i != j and since < out.lasts[j]:
+                out.lasts[j], out.following[j] = since, i
             k = _flown(ladder, kicked, sides[j], since, states)
             for slot in range(kicked.shape[2]):
-                spread[i, j, 0, slot] = states[k, 0, slot]
-                spread[i, j, 1, slot] = states[k, 1, slot]
+                out.spread[i, j, 0, slot] = states[k, 0, slot]
+                out.spread[i, j, 1, slot] = states[k, 1, slot]
             for order in range(4):
                 responses[order, i, j] = _product(rows, side, order, states, k)
             for order in range(3):
@@ -112,20 +135,20 @@ def assemble(
             for order in range(2):
                 later = _product(rows, side, order, states, k) * turn / clock
                 later += responses[order + 1, i, j] * since
-                by_frequency[order * n + i] -= later * impulses[j] / clock
+                out.by_frequency[order * n + i] -= later * impulses[j] / clock
         back = numbers[side, 3] / (1.0 + numbers[side, 3])
-        left[i] = gaps[0, i]
-        left[n + i] = gaps[1, i] - back * impulses[i]
+        out.left[i] = gaps[0, i]
+        out.left[n + i] = gaps[1, i] - back * impulses[i]
         for order in range(2):
             row = order * n + i
             # its own impulse moves along with an impact
             own = gaps[order + 1, i]
             for j in range(n):
                 part = impulses[j] * responses[order + 1, i, j]
-                jacobian[row, j] = -part / clock
-                jacobian[row, n + j] = responses[order, i, j]
-            jacobian[row, i] += own / clock
-        jacobian[n + i, n + i] -= back
+                out.jacobian[row, j] = -part / clock
+                out.jacobian[row, n + j] = responses[order, i, j]
+            out.jacobian[row, i] += own / clock
+        out.jacobian[n + i, n + i] -= back
 
 
 @kernel(entry=True)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from functools import cached_property
-from typing import Any, NamedTuple, final
+from typing import TYPE_CHECKING, Any, NamedTuple, final
 from weakref import WeakKeyDictionary
 
 import numpy as np
@@ -21,6 +21,9 @@ from dynkit.systems.impact.orbits.itineraries.motion import LATE, ROUNDING, Itin
 from dynkit.systems.impact.orbits.itineraries.terms import Terms
 from dynkit.systems.impact.orbits.machine import Machine, Numbers
 from dynkit.systems.impact.simulation.state import TWO_PI
+
+if TYPE_CHECKING:
+    from dynkit.systems.impact.orbits.itineraries.response_kernels import Assembled
 
 
 @final
@@ -73,12 +76,9 @@ class Windows:
         for known, found in self._returns:
             if known == period:
                 return found
-        transitions = self.motion.mode.transitions(np.array([period]))
-        kicked = transitions.periodic(self.kicks)
-        # what the period makes of a periodic state is what it is just before the impulse
-        moved = transitions.periodic(self.motion.mode.rate(kicked - self.kicks))
-        self._returns = [(period, (transitions, kicked, moved)), *self._returns[:1]]
-        return transitions, kicked, moved
+        found = self.motion.mode.repeated(period, self.kicks)
+        self._returns = [(period, found), *self._returns[:1]]
+        return found
 
 
 _windows: WeakKeyDictionary[Contact, dict[Any, Windows]] = WeakKeyDictionary()
@@ -142,20 +142,6 @@ class ResponseSolution(ItinerarySolution):
         return np.asarray(self.terms.restitutions[self.sides])
 
     @cached_property
-    def _apart(self) -> Array:
-        return self.event_phases[:, None] - self.event_phases
-
-    @cached_property
-    def turns(self) -> Array:
-        """(n, n) whole periods, of -1 where an impulse comes later in the period."""
-        return np.asarray(np.floor(self._apart / self.turn))
-
-    @cached_property
-    def since(self) -> Array:
-        """(n, n) times from an impulse, a column, to an impact, a row."""
-        return np.asarray((self._apart - self.turns * self.turn) / self.clock)
-
-    @cached_property
     def turning(self) -> Any:
         """exp(i phase), (n,), at the impacts."""
         return np.exp(1j * self.event_phases)
@@ -163,27 +149,19 @@ class ResponseSolution(ItinerarySolution):
     # --- responses --------------------------------------------------------------------------------
 
     @cached_property
-    def _assembled(self) -> tuple[Array, ...]:
-        """What `assemble` fills, from states at the impacts to the derivative by the frequency."""
-        from dynkit.systems.impact.orbits.itineraries.response_kernels import assemble
+    def assembled(self) -> Assembled:
+        """Responses to all impulses, equations and their derivatives."""
+        from dynkit.systems.impact.orbits.itineraries.response_kernels import Assembled, assemble
 
-        n, mode = len(self.sides), self.mode
-        shapes = (n, n, *self.kicked.shape[1:]), (4, n, n), (3, n), (3, n), 2 * n, (2 * n, 2 * n)
-        out = *(np.empty(shape) for shape in shapes), np.empty(2 * n)
+        n, e, mode, empty = len(self.sides), 2 * len(self.sides), self.mode, np.empty
+        found = empty((n, n)), empty((n, n)), empty(n), empty(n, np.intp)
+        responses = empty((n, n, *self.kicked.shape[1:])), empty((4, n, n))
+        equations = empty((3, n)), empty((3, n)), empty(e), empty((e, e)), empty(e)
+        out = Assembled(*found, *responses, *equations)
         own = self.windows.rows, self.kicked, self._moved, self.sides, self.terms.numbers
         at = self.event_phases, self.impulses, self.clock, self.turn
-        assemble(mode.propagators.ladder, mode.work, *own, *at, *out)
+        assemble(mode.propagators.ladder, mode.work, *own, *at, out)
         return out
-
-    @property
-    def _kicks(self) -> Array:
-        """States (n, n, 2, slots) at the impacts, rows, after unit impulses, columns."""
-        return self._assembled[0]
-
-    @property
-    def responses(self) -> Array:
-        """Responses (4, n, n) of gaps and derivatives, at the rows, to unit impulses."""
-        return self._assembled[1]
 
     def _disturbed(self, multiplier: complex) -> Any:
         """The same, (3, n, n), where impulses are multiplied from one period to the next."""
@@ -194,33 +172,28 @@ class ResponseSolution(ItinerarySolution):
         out: Any = 0.0
         for unit in (1.0, 1j) if np.iscomplexobj(states) else (1.0,):
             part, seen = np.ascontiguousarray((states / unit).real), np.empty((3, n, n))
-            respond(*kept, self.windows.rows, part, self.sides, self.since, seen)
+            respond(*kept, self.windows.rows, part, self.sides, self.assembled.since, seen)
             out = out + unit * seen
-        return out * multiplier**self.turns
-
-    @property
-    def steady(self) -> Array:
-        """Steady part (3, n) of `gaps`."""
-        return self._assembled[2]
+        return out * multiplier**self.assembled.turns
 
     @property
     def gaps(self) -> Array:
         """Gaps (3, n) at the impacts, and two derivatives in time just after them."""
-        return self._assembled[3]
+        return self.assembled.gaps
 
     # --- equations --------------------------------------------------------------------------------
 
     @property
     def left(self) -> Array:
         """What is left of the equations, (m,)."""
-        return self._assembled[4]
+        return self.assembled.left
 
     def jacobian(self, multiplier: complex) -> Any:
         """Their derivative D(multiplier), (m, m)."""
         if multiplier == 1.0:
-            return self._assembled[5]
-        n, back = len(self.sides), self._disturbed(multiplier) - self.responses[:3]
-        out = self._assembled[5].astype(np.result_type(back, multiplier))
+            return self.assembled.jacobian
+        n, back = len(self.sides), self._disturbed(multiplier) - self.assembled.responses[:3]
+        out = self.assembled.jacobian.astype(np.result_type(back, multiplier))
         # Only impulses of other periods are multiplied.
         rows = out.reshape(2, n, 2 * n)
         rows[..., :n] -= self.impulses * back[1:] / self.clock
@@ -236,7 +209,7 @@ class ResponseSolution(ItinerarySolution):
         """What rounding may make of `gaps`, (n,)."""
         steady = self.clock**order * abs(self.terms.drives[self.sides])
         if order == 0:
-            steady = steady + abs(self.steady[0]).max()
+            steady = steady + abs(self.assembled.steady[0]).max()
         rows = abs(self.windows.rows[self.sides, order])
         free = (self.state_rounding * rows).sum(axis=1)
         return np.asarray(free + ROUNDING * self.turned * steady)
@@ -251,7 +224,7 @@ class ResponseSolution(ItinerarySolution):
         """
         n, slots = len(self.sides), self.kicked.shape[-1]
         grown = self.transition.amplification(slots)
-        rates = abs(self.mode.rate(self._kicks))
+        rates = abs(self.mode.rate(self.assembled.spread))
         rates *= abs(self.impulses)[:, None, None]
         others = rates * (1.0 - np.eye(n))[..., None, None]
         late = LATE * self.period * (grown * rates + others).sum(axis=1)
@@ -268,7 +241,7 @@ class ResponseSolution(ItinerarySolution):
         oscillator, r = self.oscillator, self.restitutions
         whole, by = change
         if by.clock_alone and not self.terms.shape.any():
-            return np.asarray(by.frequency * self._assembled[6])
+            return np.asarray(by.frequency * self.assembled.by_frequency)
         if by.matrices.any():
             if oscillator.degrees_of_freedom > self.LARGEST:
                 return None
@@ -276,7 +249,7 @@ class ResponseSolution(ItinerarySolution):
         terms = self.terms.change(oscillator, by)
         gaps, rates = terms._replace(frequency=self.clock).gaps(self.sides, self.turning, 2)
         rates = rates - terms.restitutions[self.sides] / (1.0 + r) ** 2 * self.impulses
-        by_clock = by.frequency * self._assembled[6]
+        by_clock = by.frequency * self.assembled.by_frequency
         return np.asarray(np.concatenate([gaps, rates]) + by_clock)
 
     # --- states -----------------------------------------------------------------------------------
@@ -285,23 +258,16 @@ class ResponseSolution(ItinerarySolution):
     def states(self) -> Array:
         """Free states (n, 2, slots) just after each impact."""
         n = len(self.sides)
-        flat = self._kicks.reshape(n, n, -1)
+        flat = self.assembled.spread.reshape(n, n, -1)
         return np.asarray(np.einsum("j,ijs->is", self.impulses, flat).reshape(n, 2, -1))
 
-    @cached_property
-    def _ahead(self) -> Array:
-        """Turns (n, n) from each impact to the others, and to itself a period later."""
-        ahead = -self._apart % self.turn
-        np.fill_diagonal(ahead, self.turn)
-        return np.asarray(ahead)
-
-    @cached_property
+    @property
     def lasts(self) -> Array:
         """Times (n,) from each impact to the one that comes next."""
-        return np.asarray(self._ahead.min(axis=1) / self.clock)
+        return self.assembled.lasts
 
     def ends(self, i: int) -> tuple[int, int]:
-        return i, int(np.argmin(self._ahead[i]))
+        return i, int(self.assembled.following[i])
 
     @property
     def whole(self) -> Array:
@@ -367,7 +333,7 @@ def _change(s: ResponseSolution, change: Array) -> Array:
     """Derivative (2n,) of the equations by a change of all numbers, of the structure too."""
     m = Machine(s.system(), change)
     flow, kicks = m.flow(m.free), [m.kick(m.free, side) for side in range(len(m.elements))]
-    order = np.argsort(s.since[:, 0])
+    order = np.argsort(s.assembled.since[:, 0])
     lasts = s.lasts[order] * s.clock / m.frequency
     d = 2 * m.size
     first = s.event_phases[0]
