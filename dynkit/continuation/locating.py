@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import time
 from contextlib import suppress
 from dataclasses import replace
@@ -58,6 +59,7 @@ def locate(
     steps = 0
     heights = [_height(before, crossing), _height(after, crossing)]
     size = max(height for height in heights if height < np.inf)
+    due = 8
     for halving in range(_HALVINGS):
         if halving % 8 == 0 if halving > 8 else _is_plain(before, after, crossing):
             known = after.seen.branch_point if crossing.kind is BifurcationKind.BP else None
@@ -65,8 +67,11 @@ def locate(
             if found is not None:
                 seconds = time.perf_counter() - began
                 return found._replace(seconds=seconds, steps=steps + len(found.history) - 1)
-        if halving % 8 == 0 and halving and _is_blurred(curve, before, after):
-            break
+        if halving == due:
+            blurs = _blurs(curve, before, after)
+            if blurs <= 1.0:
+                break
+            due += math.ceil(min(8.0, math.log2(blurs)))
         middle = _examined_middle(problem, curve, before, after, crossing)
         if middle is None:
             break
@@ -128,9 +133,10 @@ def _is_plain(before: Point, after: Point, crossing: Crossing) -> bool:
     return crossing.kind not in _PAIRS or before.seen.pairs == after.seen.pairs
 
 
-def _is_blurred(curve: Continuation, before: Point, after: Point) -> bool:
-    """Whether two points are nearer to each other than the second is to the exact curve."""
-    return bool((abs(after.y - before.y) <= _OF_BLUR * _blur(curve, after)).all())
+def _blurs(curve: Continuation, before: Point, after: Point) -> float:
+    """Return the distance of two points, in distances of the second from the exact curve."""
+    apart, blur = abs(after.y - before.y), _OF_BLUR * _blur(curve, after)
+    return float((apart[apart > 0.0] / blur[apart > 0.0]).max(initial=0.0))
 
 
 def _examined_middle(
