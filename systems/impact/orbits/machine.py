@@ -18,6 +18,7 @@ import math
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import replace
+from functools import wraps
 from typing import TYPE_CHECKING, Any, NamedTuple, final
 
 import numpy as np
@@ -223,6 +224,22 @@ Rubs = tuple[tuple[int, int], ...]
 """Friction at an impact, and the sign of its slip; 0 where the impact takes all of that."""
 
 
+def _kept(method: Callable[..., Any]) -> Callable[..., Any]:
+    """Rows and matrices of a machine that are asked for again and again, read-only."""
+    name = method.__name__
+
+    @wraps(method)
+    def found(self: Machine, *given: Any) -> Any:
+        key = name, *given
+        if key not in self._known:
+            made = self._known[key] = method(self, *given)
+            if isinstance(made, np.ndarray):
+                made.setflags(write=False)
+        return self._known[key]
+
+    return found
+
+
 @final
 class Machine:
     """An oscillator with imaginary changes of its numbers; without them all of it is real.
@@ -252,6 +269,7 @@ class Machine:
         sizes = [[_OF_REGIME + _OF_GUARD * len(r.guards) for r in e.regimes] for e in self.elements]
         self._begins = [np.cumsum([5, *own]).tolist() for own in sizes]
         self._modes: dict[Regimes, tuple[Any, Any]] = {}
+        self._known: dict[tuple[Any, ...], Any] = {}
 
     def closed(self, element: int) -> Regimes:
         """Contact with one stop, the others open."""
@@ -319,12 +337,14 @@ class Machine:
                 out += difference(moved, names[name], step) * (own.imag / STEP)
         return out
 
+    @_kept
     def gap(self, element: int) -> Any:
         """Row of the gap."""
         row = -self._place(element)
         row[: self.size] = self.elements[element].row(self.size)
         return self.elements[element].sign * row
 
+    @_kept
     def rate(self, element: int) -> Any:
         """Row of the rate of the gap, or of slip."""
         n, place = self.size, self._place(element)
@@ -345,6 +365,7 @@ class Machine:
         """A, (D, D), of a mode."""
         return self._mode(mode)[0]
 
+    @_kept
     def watched(self, mode: Regimes, element: int, guard: int) -> Any:
         """Row of what the element watches there: guard number `guard` of its regime."""
         own = self._regime(mode.numbers[element], element)[_OF_REGIME + _OF_GUARD * guard :]
@@ -364,6 +385,7 @@ class Machine:
         own = self._mode(mode)[1][mode.held.index(element)]
         return self.elements[element].sign * own
 
+    @_kept
     def kick(self, mode: Regimes, element: int, rubs: Rubs = ()) -> Any:
         """(D,) change by an impulse that changes the rate of the gap by one, with friction."""
         out, over = self._pushed(mode, element)
@@ -371,6 +393,7 @@ class Machine:
             out = out - way * self.coefficient(k) * self._pushed(mode, k)[0]
         return out / over
 
+    @_kept
     def _pushed(self, mode: Regimes, element: int) -> tuple[Any, Any]:
         """(D,) change by a unit impulse, what holds held, and that of the rate of the gap."""
         n, rows, own = self.size, self._rows(mode.held), self.elements[element].row(self.size)
@@ -392,6 +415,7 @@ class Machine:
         own, over = (self._pushed(mode, k)[1] for k in (element, self.normal[element]))
         return self.coefficient(element) * own / over
 
+    @_kept
     def stopped(self, mode: Regimes, rubs: Rubs) -> Any:
         """(D, D): slip velocities that an impact takes are lost."""
         out: Any = np.eye(len(self._given[0]))
@@ -400,12 +424,14 @@ class Machine:
                 out = out - np.outer(self.kick(mode, k), self.rate(k))
         return out
 
+    @_kept
     def shift(self, element: int) -> Any:
         """(D,) change of positions that opens the gap by one."""
         row, out = self.elements[element].row(self.size), np.zeros_like(self._given[0].real)
         out[: self.size] = self.elements[element].sign * row / (row @ row)
         return out
 
+    @_kept
     def put_on(self, element: int) -> Any:
         """(D, D): positions are moved so that the gap is zero."""
         return np.eye(len(self._given[0])) - np.outer(self.shift(element), self.gap(element))
@@ -420,6 +446,7 @@ class Machine:
             out[begin : begin + n] -= away @ gaps
         return out
 
+    @_kept
     def caught(self, mode: Regimes, after: Regimes) -> Any:
         """(D, D): of what holds or sticks after an event, and not before, rates are lost.
 

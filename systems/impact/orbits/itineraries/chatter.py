@@ -227,7 +227,10 @@ class Chatter:
             landed = self.after[i] - np.outer(jumps[i], kick.real)
             if 0 in own:  # what the impact took is not in the state after it
                 landed = since[i] + moved[i]
-            lost = (1.0 + slopes[i])[:, None, None] * np.outer(kick.real, m.rate(k).real)
+            slope = slopes[i]
+            if (slope == slope[0]).all():  # one matrix for all impacts
+                slope = slope[:1]
+            lost = (1.0 + slope)[:, None, None] * np.outer(kick.real, m.rate(k).real)
             through = stop.real @ (np.eye(len(row)) - lost)
             back = through @ m.shift(k)
             put = through - back[:, :, None] * row
