@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-from scipy.linalg.lapack import dgeqrf, dorgqr
+from scipy.linalg.lapack import dgeev, dgeqrf, dorgqr
 
 from dynkit.core.validation import Array, finite_array
 
@@ -24,8 +24,7 @@ def product_eigenvalues(factors: Any) -> Any:
 
     They are exact for factors that differ by rounding relative to the norm of each. Where the
     factors are well conditioned, small and large eigenvalues have the same relative accuracy,
-    whatever their ratio and the number of factors. For a single factor `numpy.linalg.eigvals` is
-    used.
+    whatever their ratio and the number of factors. For a single factor LAPACK's `dgeev` is used.
 
     Parameters
     ----------
@@ -59,7 +58,10 @@ def product_eigenvalues(factors: Any) -> Any:
     array([1.e+60+0.j, 1.e-60+0.j])
     """
     if len(factors) == 1:
-        values = np.linalg.eigvals(_checked(factors)[0]).astype(complex)
+        real, imaginary, _, _, failed = dgeev(_checked(factors)[0], compute_vl=0, compute_vr=0)
+        if failed:
+            raise ArithmeticError("the QR algorithm must converge; it did not")
+        values = real + 1j * imaginary
         return values[np.lexsort((-values.imag, -values.real, -abs(values)))]
     mantissas, exponents = _eigenvalues(factors)
     with np.errstate(over="ignore", under="ignore"):

@@ -18,7 +18,6 @@ from dynkit.systems.impact.modes.bases import row_by_row
 from dynkit.systems.impact.modes.steady_response import Forced
 from dynkit.systems.impact.modes.structure import Contact, Excitation, Structure
 
-
 RESONANCE = "the free motion of the structure has that multiplier itself"
 """Why there is no periodic response."""
 

@@ -183,6 +183,9 @@ class Changes:
         these values, as where a term vanishes.
         """
         form = self._form(p)
+        key = k, p[:k].tobytes() + p[k + 1 :].tobytes(), form
+        if key in self._known:
+            return self._known[key]
         changed = False
 
         def numbers(value: float) -> Array:
@@ -192,21 +195,18 @@ class Changes:
             changed = changed or self._form(moved) != form
             return numbers_of(self._system(moved), () if changed else self._modes)
 
-        key = k, p[:k].tobytes() + p[k + 1 :].tobytes(), form
-        if key not in self._known:
-            try:
-                whole, linear = change_of(numbers, float(p[k]))
-            except NoSolution:
-                if changed:
-                    return None
-                raise
+        try:
+            whole, linear = change_of(numbers, float(p[k]))
+        except NoSolution:
             if changed:
                 return None
-            found = whole, Numbers.split(self._system(p), whole)
-            if not linear:
-                return found
+            raise
+        if changed:
+            return None
+        found = whole, Numbers.split(self._system(p), whole)
+        if linear:
             self._known = {key: found, **dict(list(self._known.items())[:7])}
-        return self._known[key]
+        return found
 
 
 class Regimes(NamedTuple):

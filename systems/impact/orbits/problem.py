@@ -86,6 +86,7 @@ class ImpactProblem(PeriodicProblem, WatchedProblem):
         self._known: list[tuple[bytes, Any]] = []
         self._last: tuple[bytes, Any] | None = None
         self._watched: tuple[Any, list[Event]] | None = None
+        self._home: tuple[bytes, Array] | None = None
 
     @property
     def _flights(self) -> Sequence[Regimes]:
@@ -203,6 +204,13 @@ class ImpactProblem(PeriodicProblem, WatchedProblem):
             change = self.oscillator.difference(self.at(there, p).section_states, states)
             worst += float(abs(change).max() / h * moved[k])
         return worst
+
+    @final
+    def apart(self, x: Array, other: Array) -> Array:
+        key = other.tobytes()
+        if self._home is None or self._home[0] != key:
+            self._home = key, self.canonical(other)
+        return self.canonical(x) - self._home[1]
 
     def shortest(self, x: Array) -> tuple[Self, Array]:
         for k, periods, changes in self._repetitions(x):
