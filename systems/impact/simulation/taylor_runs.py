@@ -11,36 +11,25 @@ from dynkit.core.validation import Array
 from dynkit.systems.impact.elements.element import HALT, IMPACT, JAM, JUMP, REST, SWITCH
 from dynkit.systems.impact.elements.laws import ImpactLaw
 from dynkit.systems.impact.modes.taylor_mode import ROUNDING, horner
-from dynkit.systems.impact.simulation.state import (
-    TWO_PI,
-    ImpactState,
-    Motion,
-    on_stop,
-    state_of,
-)
+from dynkit.systems.impact.simulation.state import TWO_PI, ImpactState, Motion, state_of
 from dynkit.systems.impact.simulation.taylor_chatter import chatter
 from dynkit.systems.impact.simulation.taylor_log import Log
+from dynkit.systems.impact.simulation.taylor_position import (
+    ABOVE,
+    BOUNCED,
+    BOUNCES,
+    FLIGHT,
+    MOTIONS,
+    SWITCHED,
+    Position,
+)
 from dynkit.systems.impact.simulation.trajectory import Ending, Impacts, Switches, Trajectory
 
 if TYPE_CHECKING:
-    from dynkit.systems.impact.modes.taylor_chart import Chart
-    from dynkit.systems.impact.modes.taylor_mode import TaylorMode
     from dynkit.systems.impact.simulation.driven_structure import DrivenStructure
-
-_FLIGHT, _BOUNCED, _SWITCHED, _BOUNCES = range(4)
-"""Of each element: in flight; just after an impact, which may come to rest; just after a switch;
-just after an impact, and it does not come to rest."""
-
-_MOTIONS = (Motion.FLIGHT, Motion.TABLE, Motion.RELEASE, Motion.TABLE)
 
 _PERIODS = 1000.0
 """Periods of the forcing without an event after which a run ends, with `Ending.SEARCH_LIMIT`."""
-
-_ABOVE = 1e-300
-"""Gap just after an impact: heyoka's search for roots takes an exact zero for the root."""
-
-_RELEASED = 2.0**-80
-"""Gap after a release, and slip after a halt, relative to the largest coordinate."""
 
 _AHEAD = 1e-7, 1e-5, 1e-3
 """Parts of a period after which the sign of a guard is looked at that is zero but for rounding."""
@@ -55,15 +44,12 @@ largest velocity, or than so many times the cubic root of the tolerance."""
 _AT_ONCE, _SWITCHES = 1000, 1 << 16
 """Impacts in no time, for each element, and switches without an impact, after which a run ends."""
 
-_STEPS = 16.0
-"""Steps of a flight whose roundings the disturbance of one event covers."""
-
 _PACE = 0.4
 """Steps of a twin run over the longest step of Taylor's method."""
 
 
 @final
-class TaylorCourse:
+class TaylorCourse(Position):
     """A simulation that can be continued in pieces; its bits do not depend on the pieces.
 
     `noise` is the relative size of pseudo-random disturbances of the start and of the states after
@@ -83,37 +69,26 @@ class TaylorCourse:
     def __init__(
         self, oscillator: DrivenStructure, start: ImpactState, *, noise: float, seed: int
     ) -> None:
-        self._oscillator, self._start, self._noise = oscillator, start, noise
-        self._random = np.random.default_rng(seed)
-        self._late = float(self._random.choice((-1.0, 1.0)))
-        self._automaton: Any = oscillator._automaton
+        super().__init__(oscillator, start, noise=noise, seed=seed)
         self._tolerance = oscillator.chatter_tolerance
-        self._motion = [_FLIGHT] * len(oscillator._elements)
-        self._speed = [0.0] * len(oscillator._elements)
-        self._turn = float(start._turn[0]), float(start._turn[1])
-        self._time, self._low, self._longest = 0.0, 0.0, 0.0
         self.impacts, self.ending, self.cells = 0, Ending.COUNT_REACHED, 0
         self._chatter_error, self._touches, self._ambiguous, self._at_once = 0.0, 0, -1, 0
-        self._steps = 0
-        self._left, self._bounce = start.element, 0.0
+        self._bounce = 0.0
         self._laws = [stop.restitution for stop in oscillator._stops]
         self._several = len(self._laws) > 1
         self._strobed = oscillator._strobed and not oscillator._cycled
-        self._frequency = oscillator.frequency
         # Faster impacts than a part of this speed are no chatter.
         moved = max((stop.amplitude for stop in oscillator._stops), default=0.0)
         slow = max(_SLOW * moved * oscillator.frequency, _LOW * self._tolerance ** (1.0 / 3.0))
         self._slow = slow if moved else math.inf
         self._since, self._last_switches = 0.0, 0
         self._switches: list[tuple[float, float, float, int, int, Array]] = []
-        self._period = TWO_PI / oscillator.frequency
         self._remaining = self._period
         if self._strobed:
             self._remaining = (TWO_PI - start.phase) / oscillator.frequency
         else:
-            self._motion[start.element] = _MOTIONS.index(start.motion)
+            self._motion[start.element] = MOTIONS.index(start.motion)
             self._speed[start.element] = start.speed
-        self._number = 0
         self._enter(*start._coordinates)
         for k in start.closed:
             self._close(k)
@@ -129,73 +104,6 @@ class TaylorCourse:
             self._number = automaton.enter(number)
             self._enter(*place)
             self._note(number, 0.0, 0.0)
-
-    # --- where it is ------------------------------------------------------------------------------
-
-    def _enter(self, x: Array, v: Array) -> None:
-        """Take positions and velocities into the coordinates of the present mode."""
-        self._mode: TaylorMode = self._automaton.modes[self._number]
-        self._chart: Chart = self._mode.chart(self._left)
-        for k in set(self._mode.held) & set(self._chart.curves):
-            x, v = self._onto(k, x, v, 0.0)
-        self._z = self._chart.coordinates(x, v, *self._turn)
-        self._mode.settled(self._chart, self._z)
-        self._touch()
-        self._kicks: dict[int, Array | None] = {}
-        self._first = self._automaton.first[self._number]
-        events = [self._automaton.guards[self._first + i] for i in range(len(self._mode.guards))]
-        self._plain = all(guard.watch.event == IMPACT for guard in events)
-
-    def _touch(self) -> None:
-        """Gaps of stops that were just left are exactly zero, and their rates are known."""
-        for k, motion in enumerate(self._motion):
-            if motion != _FLIGHT and k in self._chart.places and k not in self._mode.held:
-                self._z[self._chart.places[k]] = self._above(motion)
-                self._z[self._half + self._chart.speeds[k]] = self._speed[k]
-
-    @property
-    def _half(self) -> int:
-        """The number of coordinates of positions, and of velocities."""
-        return len(self._z) // 2
-
-    def _above(self, motion: int) -> float:
-        """A gap or slip that is zero: what rounding of accelerations takes away is far less."""
-        return _RELEASED * float(abs(self._z).max()) if motion == _SWITCHED else _ABOVE
-
-    def _place(self) -> tuple[Array, Array]:
-        """Positions and velocities (N,)."""
-        return self._chart.motion(self._z, *self._turn)
-
-    def _state(self) -> Array:
-        """The state (2, N + 1)."""
-        return self._mode.states(np.stack(self._place()), *self._turn)
-
-    def _disturb(self) -> None:
-        """Change all numbers by pseudo-random parts of themselves, and the phase.
-
-        The parts grow with the number of steps of the last flight, each of which is rounded.
-        """
-        if self._noise:
-            noise = self._noise * max(1.0, self._steps / _STEPS)
-            self._z *= 1.0 + noise * self._random.uniform(-1.0, 1.0, self._z.shape)
-            s, c = self._turn
-            angle = noise * float(self._random.uniform(-1.0, 1.0))
-            self._turn = s + angle * c, c - angle * s
-
-    def _pass(self, duration: float) -> None:
-        """Let time pass: the clock, in double-double, and the phase."""
-        self._longest = max(self._longest, duration)
-        total = self._time + duration
-        back = total - self._time
-        low = self._low + ((self._time - (total - back)) + (duration - back))
-        self._time = total + low
-        self._low = low - (self._time - total)
-        angle = self._frequency * duration
-        sine, cosine = math.sin(angle), math.cos(angle)
-        s = self._turn[0] * cosine + self._turn[1] * sine
-        c = self._turn[1] * cosine - self._turn[0] * sine
-        factor = 1.5 - 0.5 * (s * s + c * c)
-        self._turn = s * factor, c * factor
 
     # --- the loop ---------------------------------------------------------------------------------
 
@@ -245,7 +153,7 @@ class TaylorCourse:
             return None
         self._pass(duration)
         if duration > 2.0**-52 * self._time:
-            self._motion, self._at_once = [_FLIGHT] * len(self._motion), 0
+            self._motion, self._at_once = [FLIGHT] * len(self._motion), 0
         self._remaining -= duration
         if index == -1:
             # The duration of a period is rounded, in all periods alike.
@@ -289,7 +197,7 @@ class TaylorCourse:
 
     # --- events -----------------------------------------------------------------------------------
 
-    def _change(self, number: int, *, moved: int = _SWITCHED) -> None:
+    def _change(self, number: int, *, moved: int = SWITCHED) -> None:
         """Enter the mode that a guard leads to, at its zero."""
         guard = self._automaton.guards[number]
         if guard.watch.event == JAM:
@@ -297,12 +205,12 @@ class TaylorCourse:
             return
         k, place, stuck = guard.element, self._place(), self._mode.sticking
         self._number = self._automaton.enter(number)
-        self._motion[k] = _FLIGHT if guard.watch.event == HALT else moved
+        self._motion[k] = FLIGHT if guard.watch.event == HALT else moved
         self._speed[k] = 0.0
         self._enter(*place)
         if k in stuck and k in self._chart.speeds:
             forward = next(w.rate for j, w in self._mode.guards if j == k and w.halts)
-            slip = self._above(_SWITCHED)
+            slip = self._above(SWITCHED)
             self._z[self._half + self._chart.speeds[k]] = slip * forward
         self._again(k)
         self._disturb()
@@ -311,8 +219,8 @@ class TaylorCourse:
     def _again(self, element: int) -> None:
         """In another mode, what did not come to rest may do so."""
         for k, motion in enumerate(self._motion):
-            if motion == _BOUNCES and k != element:
-                self._motion[k] = _BOUNCED
+            if motion == BOUNCES and k != element:
+                self._motion[k] = BOUNCED
 
     def _hit(self, number: int) -> int:
         """Newton's law of impact at a guard; the guard's number, in the mode after it."""
@@ -323,7 +231,7 @@ class TaylorCourse:
             self._ambiguous = self.impacts if self._ambiguous < 0 else self._ambiguous
         while guard.opens >= 0:  # what the impact pulls away from is released first
             opened = automaton.guard(self._number, guard.opens)
-            self._change(opened, moved=_BOUNCED)
+            self._change(opened, moved=BOUNCED)
             number = automaton.guard(self._number, k)
             guard = automaton.guards[number]
         if self._left != k:
@@ -338,8 +246,8 @@ class TaylorCourse:
         kick = self._kick(k)
         if kick is not None:
             z[n:] -= (1.0 + r) * rate * kick
-        z[place], z[n + place] = _ABOVE, 0.0 - r * rate
-        self._speed[k], self._motion[k] = 0.0 - r * rate, _BOUNCED
+        z[place], z[n + place] = ABOVE, 0.0 - r * rate
+        self._speed[k], self._motion[k] = 0.0 - r * rate, BOUNCED
         if k in self._chart.curves:
             self._z = self._chart.coordinates(
                 *self._onto(k, *self._place(), self._speed[k]), *self._turn
@@ -355,19 +263,11 @@ class TaylorCourse:
             self._speed[k] = float(self._z[n + place])
         return number
 
-    def _onto(self, k: int, x: Array, v: Array, speed: float) -> tuple[Array, Array]:
-        """Positions and velocities (N,) on a stop along a function, with a rate of its gap."""
-        x, v, stop = x.copy(), v.copy(), self._oscillator._stops[k]
-        self._oscillator._contacts[k].put_both(
-            x, v, *on_stop(stop, self._frequency, self._turn, speed)
-        )
-        return x, v
-
     def _canonical(self, k: int) -> None:
         """The coordinates that a simulation from this state would begin with."""
         for j, motion in enumerate(self._motion):
-            if j != k and motion != _FLIGHT and j < len(self._oscillator._stops):
-                self._motion[j] = _FLIGHT
+            if j != k and motion != FLIGHT and j < len(self._oscillator._stops):
+                self._motion[j] = FLIGHT
         state = self._place()
         self._z = self._chart.coordinates(*state, *self._turn)
         self._mode.settled(self._chart, self._z)
@@ -414,13 +314,13 @@ class TaylorCourse:
             if number is not None:
                 self._change(number)
                 continue
-            if _BOUNCED not in self._motion:
+            if BOUNCED not in self._motion:
                 return
-            bounced = self._motion.index(_BOUNCED)
+            bounced = self._motion.index(BOUNCED)
             if bounced >= len(self._laws):
                 return
             if bounced in self._mode.held:
-                self._motion[bounced] = _FLIGHT
+                self._motion[bounced] = FLIGHT
                 continue
             self._rest(bounced)
 
@@ -428,7 +328,7 @@ class TaylorCourse:
         """A guard that is negative at a start, or just after an event; None if none."""
         state = self._state()
         for i, (k, watch) in enumerate(self._mode.guards):
-            if watch.event not in (SWITCH, JUMP) or self._motion[k] == _SWITCHED:
+            if watch.event not in (SWITCH, JUMP) or self._motion[k] == SWITCHED:
                 continue
             value, band = self._mode.watched(i, state)
             falls = watch.event == SWITCH and abs(value) <= band and self._falls(i)
@@ -452,7 +352,7 @@ class TaylorCourse:
     def _rest(self, k: int) -> None:
         """Decide whether a stop that has just been hit holds: enter contact if it does."""
         chart, u = self._chart, self._speed[k]
-        self._motion[k] = _BOUNCES
+        self._motion[k] = BOUNCES
         if u >= self._slow:
             return
         if k not in chart.places:
@@ -483,7 +383,7 @@ class TaylorCourse:
             self._z[self._half + chart.speeds[k]] = 0.0
             if self._noise:
                 self._z += lost * self._random.choice((-1.0, 1.0), size=self._z.shape)
-        self._motion[k], self._speed[k] = _SWITCHED, 0.0
+        self._motion[k], self._speed[k] = SWITCHED, 0.0
         place = self._place()
         self._number = self._automaton.enter(number)
         self._left = k
@@ -516,7 +416,7 @@ class TaylorCourse:
         hard = [k for k in closed if k < stops]
         motion, speed = Motion.FLIGHT, 0.0
         if stops:
-            motion, speed = _MOTIONS[self._motion[element]], self._speed[element]
+            motion, speed = MOTIONS[self._motion[element]], self._speed[element]
         if hard:
             element = element if element in hard else hard[0]
             motion, speed = Motion.TABLE, 0.0

@@ -1,0 +1,125 @@
+"""Where a run by Taylor's method is: its mode, coordinates, phase and clock."""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from dynkit.core.validation import Array
+from dynkit.systems.impact.elements.element import IMPACT
+from dynkit.systems.impact.simulation.state import TWO_PI, ImpactState, Motion, on_stop
+
+if TYPE_CHECKING:
+    from dynkit.systems.impact.modes.taylor_chart import Chart
+    from dynkit.systems.impact.modes.taylor_mode import TaylorMode
+    from dynkit.systems.impact.simulation.driven_structure import DrivenStructure
+
+FLIGHT, BOUNCED, SWITCHED, BOUNCES = range(4)
+"""Of each element: in flight; just after an impact, which may come to rest; just after a switch;
+just after an impact, and it does not come to rest."""
+
+MOTIONS = (Motion.FLIGHT, Motion.TABLE, Motion.RELEASE, Motion.TABLE)
+
+ABOVE = 1e-300
+"""Gap just after an impact: heyoka's search for roots takes an exact zero for the root."""
+
+_RELEASED = 2.0**-80
+"""Gap after a release, and slip after a halt, relative to the largest coordinate."""
+
+_STEPS = 16.0
+"""Steps of a flight whose roundings the disturbance of one event covers."""
+
+
+class Position:
+    """Where a run is: the mode, its coordinates, the phase and the clock."""
+
+    def __init__(
+        self, oscillator: DrivenStructure, start: ImpactState, *, noise: float, seed: int
+    ) -> None:
+        self._oscillator, self._start, self._noise = oscillator, start, noise
+        self._random = np.random.default_rng(seed)
+        self._late = float(self._random.choice((-1.0, 1.0)))
+        self._automaton: Any = oscillator._automaton
+        self._motion = [FLIGHT] * len(oscillator._elements)
+        self._speed = [0.0] * len(oscillator._elements)
+        self._turn = float(start._turn[0]), float(start._turn[1])
+        self._time, self._low, self._longest = 0.0, 0.0, 0.0
+        self._steps, self._left = 0, start.element
+        self._frequency = oscillator.frequency
+        self._period = TWO_PI / oscillator.frequency
+        self._number = 0
+
+    def _enter(self, x: Array, v: Array) -> None:
+        """Take positions and velocities into the coordinates of the present mode."""
+        self._mode: TaylorMode = self._automaton.modes[self._number]
+        self._chart: Chart = self._mode.chart(self._left)
+        for k in set(self._mode.held) & set(self._chart.curves):
+            x, v = self._onto(k, x, v, 0.0)
+        self._z = self._chart.coordinates(x, v, *self._turn)
+        self._mode.settled(self._chart, self._z)
+        self._touch()
+        self._kicks: dict[int, Array | None] = {}
+        self._first = self._automaton.first[self._number]
+        events = [self._automaton.guards[self._first + i] for i in range(len(self._mode.guards))]
+        self._plain = all(guard.watch.event == IMPACT for guard in events)
+
+    def _touch(self) -> None:
+        """Gaps of stops that were just left are exactly zero, and their rates are known."""
+        for k, motion in enumerate(self._motion):
+            if motion != FLIGHT and k in self._chart.places and k not in self._mode.held:
+                self._z[self._chart.places[k]] = self._above(motion)
+                self._z[self._half + self._chart.speeds[k]] = self._speed[k]
+
+    @property
+    def _half(self) -> int:
+        """The number of coordinates of positions, and of velocities."""
+        return len(self._z) // 2
+
+    def _above(self, motion: int) -> float:
+        """A gap or slip that is zero: what rounding of accelerations takes away is far less."""
+        return _RELEASED * float(abs(self._z).max()) if motion == SWITCHED else ABOVE
+
+    def _place(self) -> tuple[Array, Array]:
+        """Positions and velocities (N,)."""
+        return self._chart.motion(self._z, *self._turn)
+
+    def _state(self) -> Array:
+        """The state (2, N + 1)."""
+        return self._mode.states(np.stack(self._place()), *self._turn)
+
+    def _disturb(self) -> None:
+        """Change all numbers by pseudo-random parts of themselves, and the phase.
+
+        The parts grow with the number of steps of the last flight, each of which is rounded.
+        """
+        if self._noise:
+            noise = self._noise * max(1.0, self._steps / _STEPS)
+            self._z *= 1.0 + noise * self._random.uniform(-1.0, 1.0, self._z.shape)
+            s, c = self._turn
+            angle = noise * float(self._random.uniform(-1.0, 1.0))
+            self._turn = s + angle * c, c - angle * s
+
+    def _pass(self, duration: float) -> None:
+        """Let time pass: the clock, in double-double, and the phase."""
+        self._longest = max(self._longest, duration)
+        total = self._time + duration
+        back = total - self._time
+        low = self._low + ((self._time - (total - back)) + (duration - back))
+        self._time = total + low
+        self._low = low - (self._time - total)
+        angle = self._frequency * duration
+        sine, cosine = math.sin(angle), math.cos(angle)
+        s = self._turn[0] * cosine + self._turn[1] * sine
+        c = self._turn[1] * cosine - self._turn[0] * sine
+        factor = 1.5 - 0.5 * (s * s + c * c)
+        self._turn = s * factor, c * factor
+
+    def _onto(self, k: int, x: Array, v: Array, speed: float) -> tuple[Array, Array]:
+        """Positions and velocities (N,) on a stop along a function, with a rate of its gap."""
+        x, v, stop = x.copy(), v.copy(), self._oscillator._stops[k]
+        self._oscillator._contacts[k].put_both(
+            x, v, *on_stop(stop, self._frequency, self._turn, speed)
+        )
+        return x, v
