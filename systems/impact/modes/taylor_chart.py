@@ -134,15 +134,29 @@ def _alone(method: Callable[..., Any]) -> Callable[..., Any]:
 class Chart:
     """One set of coordinates of a mode: positions and velocities, of which some are gaps or slips.
 
+    Positions are followed by the places of the J sliders. Coordinates z are positions, what is left
+    of the stretch of each slider's spring until it yields, and gaps along K functions; then
+    velocities, slip velocities of sliders, and rates of these gaps: M = 2 (N + J + K) numbers. Bare
+    ones, (2 N + J,), are positions, the stretches themselves, and velocities.
+
     Attributes
     ----------
     plan : Plan
-    own : (stops and rubs, 8) numbers of the elements, see `TaylorMode.own`
-    to_x, to_v, back_x, back_v : (N, N)
-        From positions to coordinates and back, and for velocities.
+    own : (elements, 8) numbers of the elements, see `TaylorMode`
+    to_x, back_x : (N + J, N + J)
+        From positions to bare coordinates and back.
+    to_v, back_v : (N, N)
+        The same for velocities.
     curves : dict
-        Functions along which elements act, by the numbers of these. Their gaps follow the
-        positions, and the rates of the gaps the velocities: with them there are 2 (N + K) numbers.
+        Functions along which elements act, by the numbers of these.
+    joints : (J, 2)
+        Of each slider the side on which it is nearer to yielding, and the stretch at which it does.
+    events : tuple of int
+        For each guard of the plan the number of the guard of the mode.
+    places, speeds : dict
+        Where gaps and their rates, or slip velocities alone, are in the halves of coordinates.
+    springs : dict
+        Where the springs of sliders are in the first half of the coordinates.
     """
 
     def __init__(
@@ -153,12 +167,17 @@ class Chart:
         to: tuple[Array, Array],
         back: tuple[Array, Array],
         curves: dict[int, CoordinateFunction],
+        joints: Array,
+        events: tuple[int, ...],
     ) -> None:
         self.plan, self._pars, self._own, self.curves = plan, pars, own, curves
         self.to_x, self.to_v = to
         self.back_x, self.back_v = back
+        self._size, self._joints, self._events = len(self.to_v), joints, events
         more = {k: len(self.to_x) + i for i, k in enumerate(curves)}
-        self.places, self.speeds = dict(plan.stops) | more, dict((*plan.stops, *plan.rubs)) | more
+        self.springs = {k: self._size + i for i, k in enumerate(plan.sliders)}
+        self.places = dict(plan.stops) | more
+        self.speeds = dict((*plan.stops, *plan.rubs)) | self.springs | more
         self._changing: dict[tuple[int, ...], Any] = {}
         self.lock = RLock()
         self._plain = bool((self.to_x == np.eye(len(self.to_x))).all()) and not plan.rubs
@@ -186,12 +205,12 @@ class Chart:
         return made
 
     def shifts(self, sine: Any, cosine: Any, one: Any = 1.0) -> tuple[Any, Any]:
-        """What the motion of elements adds to coordinates, (..., N) of positions and velocities.
+        """What the motion of elements adds to bare coordinates, (..., N + J) and (..., N).
 
         It is linear in sine, cosine and one.
         """
-        shape = (*np.shape(sine), len(self.to_x))
-        x, v = np.zeros(shape), np.zeros(shape)
+        shape = np.shape(sine)
+        x, v = np.zeros((*shape, len(self.to_x))), np.zeros((*shape, self._size))
         rate = self._pars[1]
         for k, p in self.plan.stops:
             sign, real, imaginary, offset = self._own[k, :4]
@@ -202,43 +221,61 @@ class Chart:
         return x, v
 
     def coordinates(self, x: Array, v: Array, sine: float, cosine: float) -> Array:
-        """Coordinates (2 N,) of positions and velocities (N,); with gaps along functions."""
+        """Coordinates (M,) of positions (N + J,) and velocities (N,), or (N + J,)."""
+        n, rate = self._size, self._pars[1]
         more_x, more_v = self.shifts(sine, cosine)
+        v = v[:n]
         parts = self.to_x @ x - more_x, self.to_v @ v - more_v
-        if not self.curves:
+        if not self.plan.sliders and not self.curves:
             return np.concatenate(parts)
-        gaps, rates, rate = [], [], self._pars[1]
-        for k, function in self.curves.items():
+        side, reach = self._joints.T
+        parts[0][n:] = reach - side * parts[0][n:]
+        gaps, rates, x = [], [], x[:n]
+        for k in (*self.plan.sliders, *self.curves):
             sign, real, imaginary, offset, drift = self._own[k, :5]
             place = offset + real * sine + imaginary * cosine
             speed = drift + rate * (real * cosine - imaginary * sine)
-            gaps.append(sign * (float(function(x)) - place))
-            rates.append(sign * (float(function.gradient(x) @ v) - speed))
+            gaps += [sign * (float(self.curves[k](x)) - place)] if k in self.curves else []
+            rates.append(sign * (float(self._row(k, x) @ v) - speed))
         return np.concatenate([parts[0], gaps, parts[1], rates])
+
+    def _row(self, k: int, x: Array) -> Array:
+        """Row (N,) of a slider, or of an element along a function, at positions (N,)."""
+        if k in self.curves:
+            return self.curves[k].gradient(x)
+        return np.asarray(self._own[k, 0] * self.to_x[self.springs[k], : self._size])
 
     def kicked(self, x: Array, change: Array) -> Array:
         """Changes of the second half of the coordinates by changes (N,) of velocities."""
-        rates = [self._own[k, 0] * (f.gradient(x) @ change) for k, f in self.curves.items()]
+        carried = (*self.plan.sliders, *self.curves)
+        rates = [self._own[k, 0] * (self._row(k, x) @ change) for k in carried]
         return np.concatenate([self.to_v @ change, rates])
 
-    def _bare(self, z: Array) -> Array:
-        """Coordinates (2 N,) without gaps along functions."""
-        return np.concatenate([part[: len(self.to_x)] for part in np.split(z, 2)])
+    def bare(self, z: Array) -> Array:
+        """Bare coordinates (2 N + J,) of coordinates (M,)."""
+        first, second = np.split(z, 2)
+        first, (side, reach) = first[: len(self.to_x)].copy(), self._joints.T
+        first[self._size :] = side * (reach - first[self._size :])
+        return np.concatenate([first, second[: self._size]])
 
     def motion(self, z: Array, sine: Any, cosine: Any, one: Any = 1.0) -> tuple[Array, Array]:
-        """Positions and velocities (..., N) of coordinates (..., 2 N), or of those with gaps.
+        """Positions (..., N + J) and velocities (..., N) of coordinates, which may be bare.
 
         As series of all by time, where one is not 1.
         """
-        n, half = len(self.to_x), z.shape[-1] // 2
+        n, p = self._size, len(self.to_x)
+        half = p if z.shape[-1] == n + p else z.shape[-1] // 2
         more_x, more_v = self.shifts(sine, cosine, one)
-        x, v = z[..., :n] + more_x, z[..., half : half + n] + more_v
+        x, v = z[..., :p] + more_x, z[..., half : half + n] + more_v
+        if self.plan.sliders and z.shape[-1] != n + p:
+            side, reach = self._joints.T
+            x[..., n:] = side * (reach - x[..., n:])
         if not self._plain:
             x, v = x @ self.back_x.T, v @ self.back_v.T
         return x, v
 
     def load(self, z: Array, sine: float, cosine: float) -> Any:
-        """The integrator at coordinates (2 N,) and a phase."""
+        """The integrator at coordinates (M,) and a phase."""
         made = self.integrator
         made.time = 0.0
         self._pars_of[:1] = math.atan2(sine, cosine)
@@ -254,7 +291,7 @@ class Chart:
         pace: float = math.inf,
         early: Sequence[float] = (),
     ) -> tuple[int, float, int]:
-        """Advance coordinates (2 N,), modified in place, to the first guard.
+        """Advance coordinates (M,), modified in place, to the first guard.
 
         The caller holds `lock`. Where no guard is reached within a duration, `reached` has the
         coordinates, and the given ones stay.
@@ -295,7 +332,7 @@ class Chart:
             number = int(outcome)
             if number >= -guards:
                 z[:] = self._state_of
-                return -1 - number, made.time, steps
+                return self._events[-1 - number], made.time, steps
             z_end, time = self._state_of, made.time
             if number == time_limit:
                 stations.pop(0)
@@ -314,22 +351,22 @@ class Chart:
 
     @property
     def reached(self) -> Array:
-        """Coordinates (2 N,) at the end of the last flight."""
+        """Coordinates (M,) at the end of the last flight."""
         return np.array(self._state_of)
 
     @_alone
     def coefficients(self, z: Array, sine: float, cosine: float) -> Array:
-        """Taylor coefficients (2 N, order + 1) of the coordinates at a state."""
+        """Taylor coefficients (M, order + 1) of the coordinates at a state."""
         made = self.load(z, sine, cosine)
         made.step(max_delta_t=0.0, write_tc=True)
         return np.array(made.tc)
 
     @_alone
     def path(self, z: Array, sine: float, cosine: float, longest: float) -> tuple[Array, Array]:
-        """Begins (k + 1,) of steps, and their Taylor coefficients (k, 2 N, order + 1)."""
+        """Begins (k + 1,) of steps, and their Taylor coefficients (k, 2 N + J, order + 1), bare."""
         made, begins, found = self.eventless, [0.0], []
         made.time, made.pars[:1] = 0.0, math.atan2(sine, cosine)
-        made.state[:] = self._bare(z)
+        made.state[:] = self.bare(z)
         (success, _, time_limit), period = _outcomes(), math.tau / self._pars[1]
         while begins[-1] <= longest:
             outcome, _ = made.step(max_delta_t=period, write_tc=True)
@@ -345,10 +382,10 @@ class Chart:
     def transition(
         self, z: Array, sine: float, cosine: float, duration: float
     ) -> tuple[Array, Array]:
-        """Coordinates (2 N,) after a duration, and derivative (2 N, 2 N + 1) by state and phase."""
-        made, m = self.variations, 2 * len(self.to_x)
+        """Bare coordinates (m,) after a duration, and derivative (m, m + 1) by those and phase."""
+        made, m = self.variations, len(self.to_x) + self._size
         made.time, made.pars[:1] = 0.0, math.atan2(sine, cosine)
-        made.state[:m] = self._bare(z)
+        made.state[:m] = self.bare(z)
         made.state[m:] = np.eye(m, m + 1).ravel()
         outcome, *_ = made.propagate_until(duration)
         if int(outcome) != _outcomes()[2] or not np.isfinite(made.state).all():
@@ -358,9 +395,9 @@ class Chart:
     def gradients(
         self, z: Array, sine: float, cosine: float, change: Array | None = None, *, rates: bool
     ) -> Array:
-        """Derivatives of the rates (2 N,) of coordinates, or of the guards (k,).
+        """Derivatives of the rates (m,) of bare coordinates, or of the guards (k,).
 
-        By the coordinates and the phase, (..., 2 N + 1), or by a change of the numbers, (...,).
+        By the coordinates and the phase, (..., m + 1), or by a change of the numbers, (...,).
         """
         plan = replace(self.plan, carries=False)
         places, more = None, np.empty(0)
@@ -370,15 +407,16 @@ class Chart:
         made = _gradients(plan, places, rates=rates)
         pars = np.concatenate([self._pars, more])
         pars[0] = math.atan2(sine, cosine)
-        found = np.asarray(made(self._bare(z), pars=pars[: made.nparams], time=0.0))
-        return found if change is not None else found.reshape(-1, len(z) + 1)
+        bare = self.bare(z)
+        found = np.asarray(made(bare, pars=pars[: made.nparams], time=0.0))
+        return found if change is not None else found.reshape(-1, len(bare) + 1)
 
     @_alone
     def changed(
         self, z: Array, sine: float, cosine: float, duration: float, change: Array
     ) -> Array:
-        """Change of coordinates (2 N,) after a duration by a change of the numbers."""
-        plain, m = self.plan.without_guards, 2 * len(self.to_x)
+        """Change of bare coordinates (m,) after a duration by a change of the numbers."""
+        plain, m = self.plan.without_guards, len(self.to_x) + self._size
         places = tuple(np.flatnonzero(change[: plain.size]).tolist())
         if places not in self._changing:
             self._changing[places] = copy.copy(_changing(plain.where(places), places))
@@ -386,7 +424,7 @@ class Chart:
         pars = np.concatenate([self._pars[: plain.size], [0.0], change[list(places)]])
         pars[0], made.time = math.atan2(sine, cosine), 0.0
         made.pars[:] = pars[: len(made.pars)]  # those that are not in the equations may be missing
-        made.state[:m], made.state[m:] = self._bare(z), 0.0
+        made.state[:m], made.state[m:] = self.bare(z), 0.0
         outcome, *_ = made.propagate_until(duration)
         if int(outcome) != _outcomes()[2] or not np.isfinite(made.state).all():
             raise Diverged(f"the motion runs away within {duration:.6g} from {z.tolist()}")

@@ -31,13 +31,16 @@ class Plan:
     held, sticking : tuples of int
         Elements that hold, and that stick.
     guards : tuple of int
-        Element of each guard.
+        Element of each guard; those of sliders are the last ones.
     elements : int
         Number of elements.
     curves : tuple of (int, Form)
         Elements along functions of the coordinates, and these.
+    sliders : tuple of int
+        Elements with sliders. The stretches of their springs are variables.
     carries : bool
-        Whether the gaps of these elements and their rates are variables, besides the coordinates.
+        Whether the gaps along functions, their rates, and slip velocities of sliders are variables,
+        besides the coordinates. Then the stretch is counted from where the slider yields.
     """
 
     equations: Equations
@@ -49,12 +52,13 @@ class Plan:
     guards: tuple[int, ...]
     elements: int
     curves: tuple[tuple[int, Form], ...] = ()
+    sliders: tuple[int, ...] = ()
     carries: bool = True
 
     @property
     def without_guards(self) -> Plan:
         """The same without guards, whose numbers come last, and without gaps along functions."""
-        kinds = self.kinds[: len(self.kinds) - 4 * len(self.guards)]
+        kinds = self.kinds[: len(self.kinds) - 5 * len(self.guards)]
         return replace(self, kinds=kinds, guards=(), carries=False)
 
     @property
@@ -81,12 +85,17 @@ class Plan:
         return held or not self.equations.constant_mass
 
 
-def numbers_of(groups: Sequence[Array]) -> tuple[Array, tuple[int, ...]]:
-    """All numbers as one array, and the kind of each."""
-    flat = np.concatenate([np.asarray(group, dtype=float).ravel() for group in groups])
+def numbers_of(groups: Sequence[tuple[Array, Any]]) -> tuple[Array, tuple[int, ...]]:
+    """All numbers as one array, and the kind of each.
+
+    Each group has a mask of those that are never compiled, as they differ between regimes.
+    """
+    flat = np.concatenate([np.asarray(group, dtype=float).ravel() for group, _ in groups])
     kinds = np.full(len(flat), 2)
     for value in (0, 1, -1):
         kinds[flat == value] = value
+    kept = [np.broadcast_to(mask, np.shape(group)).ravel() for group, mask in groups]
+    kinds[np.concatenate(kept)] = 2
     return flat, tuple(kinds.tolist())
 
 
@@ -126,7 +135,9 @@ def _zero(value: Any) -> bool:
 class _Builder:
     """Coordinates, elements and accelerations of a plan as expressions.
 
-    Of each element `own` has sign, phasor (2), offset, drift, push, stiffness and damping.
+    Of each element `own` has sign, phasor (2), offset, drift, push, stiffness and damping. Each
+    slider has the rate of its spring's stretch over the slip velocity, 1 or 0; the side on which it
+    is nearer to yielding; and the stretch at which it does.
     """
 
     def __init__(self, hy: Any, plan: Plan) -> None:
@@ -146,6 +157,8 @@ class _Builder:
         self.leaves = _Leaves(hy, plan.kinds, first)
         self._forces = self.leaves(3, n)
         self._rows, self._own = self.leaves(e, n), self.leaves(e, 8)
+        self._joints = dict(zip(plan.sliders, self.leaves(len(plan.sliders), 3), strict=True))
+        self.springs = {k: hy.expression(f"s{k}") for k in plan.sliders}
         self._places = dict(plan.stops)
         self._speeds = dict((*plan.stops, *plan.rubs))
         own, x, v = self._own, list(self.zx), list(self.zv)
@@ -154,9 +167,9 @@ class _Builder:
         for k, p in self._speeds.items():
             v[p] = v[p] + own[k, 0] * (own[k, 4] + self.swing(k, 1))
         self.x, self.v = (_applied(self.leaves(n, n), part) for part in (x, v))
-        carried = [k for k, _ in plan.curves if plan.carries]
-        self.gaps = {k: hy.expression(f"g{k}") for k in carried}
-        self.slips = {k: hy.expression(f"u{k}") for k in carried}
+        curves, sliders = ([k for k, _ in plan.curves], plan.sliders) if plan.carries else ([], ())
+        self.gaps = {k: hy.expression(f"g{k}") for k in curves}
+        self.slips = {k: hy.expression(f"u{k}") for k in (*sliders, *curves)}
         self._bends: dict[int, Any] = {}
         self._curve()
 
@@ -188,6 +201,11 @@ class _Builder:
             return self.gaps[k] if k in self.gaps else self.zx[self._places[k]]
         along = _total(zip(self._rows[k], self.x, strict=True))
         return self._own[k, 0] * (along - self._own[k, 3] - self.swing(k, 0))
+
+    def stretch(self, k: int) -> Any:
+        """Stretch of the spring to a slider."""
+        _, side, reach = self._joints[k]
+        return side * (reach - self.springs[k]) if self._plan.carries else self.springs[k]
 
     def slip(self, k: int) -> Any:
         """Rate of the gap of an element."""
@@ -226,7 +244,8 @@ class _Builder:
         f = [f[i] + _total(zip(self._forces[:, i], drives, strict=True)) for i in range(self._n)]
         for k in range(self._plan.elements):
             parts = [(1.0, own[k, 5])]
-            parts += [(-1.0 * own[k, 6], self.gap(k))] if not _zero(own[k, 6]) else []
+            along = self.stretch if k in self.springs else self.gap
+            parts += [(-1.0 * own[k, 6], along(k))] if not _zero(own[k, 6]) else []
             parts += [(-1.0 * own[k, 7], self.slip(k))] if not _zero(own[k, 7]) else []
             push = _total(parts)
             if not _zero(push):
@@ -245,15 +264,21 @@ class _Builder:
             along = _total(zip(self._rows[k], a, strict=True))
             still = k in (*plan.held, *plan.sticking)
             dv[p] = 0.0 if still else self._own[k, 0] * (along - self.swing(k, 2))
+        for k in plan.sliders:
+            follows, side, _ = self._joints[k]
+            share = -1.0 * (side * follows) if plan.carries else follows
+            dx.append(share * self.slip(k))
         for k, slip in self.slips.items():
-            along = _total(zip(self._rows[k], a, strict=True)) + self._bends[k] - self.swing(k, 2)
-            dx.append(0.0 if k in plan.held else slip)
+            along = _total(zip(self._rows[k], a, strict=True)) - self.swing(k, 2)
+            along = along + self._bends[k] if k in self._bends else along
+            dx += [0.0 if k in plan.held else slip] if k in self.gaps else []
             dv.append(0.0 if k in plan.held else self._own[k, 0] * along)
         return [*dx, *dv]
 
     def guard(self, watch: Any, k: int, press: list[Any]) -> Any:
-        """What an element's guard watches."""
+        """What an element's guard watches: gap, rate, force, level, and what a spring's is."""
         terms = [(1.0, watch[3])]
+        terms += [(watch[4], self.springs[k])] if k in self.springs else []
         terms += [(watch[0], self.gap(k))] if not _zero(watch[0]) else []
         terms += [(watch[1], self.slip(k))] if not _zero(watch[1]) else []
         if not _zero(watch[2]):
@@ -263,13 +288,18 @@ class _Builder:
 
 
 def system_of(hy: Any, plan: Plan) -> tuple[list[Any], list[Any], list[Any]]:
-    """The variables (2 N), their rates, and the guards, as heyoka's expressions."""
+    """The variables, their rates, and the guards, as heyoka's expressions.
+
+    The variables are positions, springs of sliders, gaps along functions, velocities, slip
+    velocities of sliders, and rates of gaps along functions.
+    """
     build = _Builder(hy, plan)
     a, press = build.accelerations()
     rates = [hy.expression(d) if isinstance(d, float) else d for d in build.rates(a)]
-    watches = build.leaves(len(plan.guards), 4)
+    watches = build.leaves(len(plan.guards), 5)
     pairs = zip(watches, plan.guards, strict=True)
-    variables = [*build.zx, *build.gaps.values(), *build.zv, *build.slips.values()]
+    first = [*build.zx, *build.springs.values(), *build.gaps.values()]
+    variables = [*first, *build.zv, *build.slips.values()]
     return variables, rates, [build.guard(watch, k, press) for watch, k in pairs]
 
 

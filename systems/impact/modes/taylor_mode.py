@@ -13,16 +13,12 @@ from dynkit.core.validation import Array
 from dynkit.systems.impact.elements.element import Element, Regime, Watch
 from dynkit.systems.impact.elements.stops import HardStop
 from dynkit.systems.impact.modes.steady_response import Layout
-from dynkit.systems.impact.modes.structure import pivots_of
 from dynkit.systems.impact.modes.taylor_chart import Chart
-from dynkit.systems.impact.modes.taylor_equations import Plan, numbers_of
+from dynkit.systems.impact.modes.taylor_charts import Charts
 from dynkit.systems.impact.modes.taylor_scene import Scene
 
 FREQUENCY = 1
 """Place of the frequency among the numbers of a flight."""
-
-_INDEPENDENT = 1e-9
-"""Relative size from which on a row depends on no others."""
 
 _NODES = 16
 """Nodes of Gauss-Legendre quadrature on each step of Taylor's method."""
@@ -32,7 +28,8 @@ _NODES = 16
 class TaylorMode:
     """One set of regimes of a structure whose energies are not quadratic.
 
-    States (..., 2, N + 1) hold positions and velocities and, last, sine and cosine of the phase.
+    States (..., 2, N + J + 1) hold positions and velocities, then those of J sliders, where the
+    velocities are zero, and, last, sine and cosine of the phase.
 
     Attributes
     ----------
@@ -41,11 +38,13 @@ class TaylorMode:
     held, sticking : tuples of int
         Numbers of the elements that hold, and that stick.
     guards : tuple of (int, Watch)
-        Guards that end the mode: element, and what is watched. Those that act at once come last.
+        Guards that end the mode: element, and what is watched. Those that act at once come last,
+        after those of sliders.
     events : int
         Number of guards that end a flight.
     layout : Layout
-    bodies : int
+    bodies, size : int
+        Number of coordinates, N, and with those of sliders, N + J.
     """
 
     def __init__(
@@ -59,8 +58,10 @@ class TaylorMode:
         self.held, self.sticking = grips
         self.events = sum(not watch.at_once for _, watch in guards)
         n = self.bodies = scene.size
-        self.layout = Layout(np.arange(n), n, -1, n + 1, n + 1)
-        self._charts: dict[tuple[int, ...], Chart] = {}
+        p = self.size = n + len(scene.sliders)
+        self.layout = Layout(np.arange(p), p, -1, p + 1, p + 1)
+        self._charts = Charts(scene, self.regimes, grips, self.guards[: self.events])
+        self._slides = [self.regimes[k].stretch for k in scene.sliders]
 
     @property
     def forced(self) -> TaylorMode:
@@ -70,33 +71,46 @@ class TaylorMode:
     # --- states -----------------------------------------------------------------------------------
 
     def coordinates(self, x: Array, v: Array, *_: Any) -> Array:
-        """Positions and velocities (..., 2, N)."""
+        """Positions and velocities (..., 2, N + J)."""
         return np.stack([x, v], axis=-2)
 
     def positions(self, q: Array, *_: Any) -> Array:
-        """Positions (..., N) of coordinates (..., 2, N)."""
+        """Positions (..., N + J) of coordinates (..., 2, N + J)."""
         return np.array(q[..., 0, :])
 
     def velocities(self, q: Array, *_: Any) -> Array:
-        """Velocities (..., N) of coordinates (..., 2, N)."""
+        """Velocities (..., N + J) of coordinates (..., 2, N + J)."""
         return np.array(q[..., 1, :])
 
     def states(self, q: Array, sine: Any, cosine: Any) -> Array:
-        """States (..., 2, N + 1) of coordinates (..., 2, N) and the phase."""
+        """States (..., 2, N + J + 1) of coordinates (..., 2, N + J) and the phase."""
         turn = np.stack([np.asarray(sine), np.asarray(cosine)], axis=-1)
         return np.concatenate([q, turn[..., None]], axis=-1)
 
+    def state(self, x: Array, v: Array, sine: Any, cosine: Any) -> Array:
+        """States (..., 2, N + J + 1) of positions (..., N + J), velocities (..., N), and phase."""
+        out = np.zeros((*x.shape[:-1], 2, x.shape[-1]))
+        out[..., 0, :], out[..., 1, : self.bodies] = x, v
+        return self.states(out, sine, cosine)
+
     def parts(self, states: Array) -> tuple[Array, Array, Array]:
-        """Coordinates (..., 2, N), sine and cosine (...) of states."""
+        """Coordinates (..., 2, N + J), sine and cosine (...) of states."""
         return states[..., :-1], states[..., 0, -1], states[..., 1, -1]
 
     def motion(self, states: Array) -> tuple[Array, Array]:
         """Positions and velocities (..., N) of states."""
-        return np.array(states[..., 0, :-1]), np.array(states[..., 1, :-1])
+        n = self.bodies
+        return np.array(states[..., 0, :n]), np.array(states[..., 1, :n])
 
     def sliders(self, states: Array) -> Array:
-        """Places of sliders, of which there are none: (..., 0)."""
-        return np.empty((*states.shape[:-2], 0))
+        """Places (..., J) of sliders."""
+        return np.array(states[..., 0, self.bodies : -1])
+
+    def stretch(self, k: int, state: Array) -> float:
+        """Stretch of the spring to a slider at a state (2, N + J + 1), towards its side."""
+        scene, place = self.scene, self.scene.sliders.index(k) + self.bodies
+        y = float(scene.rows[k] @ state[0, : self.bodies])
+        return scene.elements[k].sign * (y - float(state[0, place]))
 
     def seen_from(self, one: TaylorMode, stop: Element | None = None) -> Array:  # noqa: ARG002
         """Change of the state from another mode: none, (2 N + 2, 2 N + 3)."""
@@ -117,7 +131,7 @@ class TaylorMode:
         return out
 
     def momenta(self, states: Array, changes: Array) -> Array:
-        """Changes of momentum (n, N) by changes of velocity, at states (n, 2, N + 1)."""
+        """Changes of momentum (n, N) by changes of velocity, at states (n, 2, N + J + 1)."""
         w, motion = self.scene.excitation.frequency, self.scene.motion
         pairs = zip(self._given(states), changes, strict=True)
         found = [motion.inertia(w, *given)[0] @ change for given, change in pairs]
@@ -133,7 +147,7 @@ class TaylorMode:
     def balance(self, state: Array) -> tuple[Array, Array, Array]:
         """Accelerations (N,), forces (elements,) towards their sides, and forces without them (N,).
 
-        Of one state, (2, N + 1).
+        Of one state, (2, N + J + 1).
         """
         scene = self.scene
         ((x, v, phase),) = self._given(state[None])
@@ -144,6 +158,7 @@ class TaylorMode:
         for k, regime in enumerate(self.regimes):
             if regime.acts:
                 gap, rate = self.gap(k, x, v, sine, cosine)
+                gap = self.stretch(k, state) if k in scene.sliders else gap
                 pushes[k] = regime.push - regime.stiffness * gap - regime.damping * rate
         signs = np.array([element.sign for element in scene.elements])
         total = given + (signs * pushes) @ scene.rows if len(pushes) else given
@@ -170,15 +185,21 @@ class TaylorMode:
         return sign * (x @ scene.rows[k] - place), sign * (v @ scene.rows[k] - speed)
 
     def rate(self, states: Array) -> Array:
-        """Rates of change of states (k, 2, N + 1)."""
-        out, w = np.empty_like(states), self.scene.excitation.frequency
+        """Rates of change of states (k, 2, N + J + 1); the sliders' places follow, too."""
+        out, scene, n = np.zeros_like(states), self.scene, self.bodies
+        w = scene.excitation.frequency
         for i, state in enumerate(states):
-            out[i, 0, :-1], out[i, 1, :-1] = state[1, :-1], self.balance(state)[0]
+            v = state[1, :n]
+            out[i, 0, :n], out[i, 1, :n] = v, self.balance(state)[0]
+            for j, k in enumerate(scene.sliders):
+                still = self.regimes[k].anchored
+                surface = scene.prescribed(k, *state[:, -1].tolist())[1]
+                out[i, 0, n + j] = surface if still else scene.rows[k] @ v
             out[i, :, -1] = w * state[1, -1], -w * state[0, -1]
         return out
 
     def watched(self, number: int, state: Array) -> tuple[float, float]:
-        """Value of a guard at a state (2, N + 1), and what rounding leaves of it where it is zero.
+        """Value of a guard at a state, and what rounding leaves of it where it is zero.
 
         Rounding is relative to the terms of which it is the sum.
         """
@@ -191,6 +212,9 @@ class TaylorMode:
         size = abs(watch.level)
         size += abs(watch.gap) * float(row @ abs(x) + abs(element.offset) + element.amplitude)
         size += abs(watch.rate) * float(row @ abs(v) + abs(element.drift) + w * element.amplitude)
+        if watch.stretch:
+            value += watch.stretch * self.stretch(k, state)
+            size += abs(watch.stretch) * float(row @ abs(x) + abs(state[0, self.bodies : -1]).max())
         if watch.force:
             _, pushes, given = self.balance(state)
             value += watch.force * float(pushes[k])
@@ -239,101 +263,29 @@ class TaylorMode:
         return np.asarray(scene.elements[k].sign * response / (row @ response))
 
     def pushed(self, row: Array) -> Array:
-        """Velocity changes (N,) of an impulse that changes the rate of a row (N,) by one."""
+        """Velocity changes (N,) of an impulse that changes the rate of a row by one.
+
+        Of the row, (N,), or (N + J,) with zeros for sliders.
+        """
         w, motion, zero = self.scene.excitation.frequency, self.scene.motion, np.zeros(self.bodies)
+        row = row[: self.bodies]
         response = np.linalg.solve(motion.inertia(w, zero, zero, 0.0)[0], row)
         return np.asarray(response / float(row @ response))
 
     # --- charts -----------------------------------------------------------------------------------
 
-    def chart(self, first: int = -1) -> Chart:
-        """Coordinates among them the gap of one element, and those of others as far as they may."""
-        elements, hard = self.scene.elements, list[int]()
-        stops = [k for k, e in enumerate(elements) if isinstance(e, HardStop) and not e.curved]
-        held = [k for k in self.held if not elements[k].curved]
-        for k in dict.fromkeys([*held, *([first] if first in stops else []), *stops]):
-            if self._apart([*hard, k]):
-                hard.append(k)
-        key = tuple(sorted(hard))
-        if key not in self._charts:
-            self._charts[key] = self._chart(key)
-        return self._charts[key]
-
-    def _apart(self, numbers: Sequence[int]) -> bool:
-        return independent(self.scene.rows[list(numbers)])
-
-    def _chart(self, hard: tuple[int, ...], *, rubs: bool = True) -> Chart:
-        scene, n = self.scene, self.bodies
-        slips: list[int] = []
-        for k, element in enumerate(scene.elements if rubs else ()):
-            rubs_there = any(regime.sticks for regime in element.regimes)
-            if rubs_there and self._apart([*hard, *slips, k]):
-                slips.append(k)
-        signs = np.array([element.sign for element in scene.elements], dtype=float)
-        to, places = [], []
-        for chosen in (hard, (*hard, *slips)):
-            rows = scene.rows[list(chosen)]
-            at = pivots_of(rows) if len(chosen) else []
-            matrix = np.eye(n)
-            matrix[at] = signs[list(chosen), None] * rows
-            to.append(matrix)
-            places.append(list(zip(chosen, at, strict=True)))
-        back = [np.asarray(np.linalg.inv(part), dtype=float) for part in to]
-        own, groups = self._numbers(back)
-        flat, kinds = numbers_of(groups)
-        plan = Plan(
-            scene.motion.equations,
-            kinds,
-            tuple(places[0]),
-            tuple(places[1][len(hard) :]),
-            self.held,
-            self.sticking,
-            tuple(k for k, _ in self.guards[: self.events]),
-            len(scene.elements),
-            tuple((k, function.form) for k, function in scene.curves.items()),
-        )
-        head = [0.0, scene.excitation.frequency]
-        of_curves = [function.numbers for function in scene.curves.values()]
-        pars = np.concatenate([head, scene.motion.numbers, *of_curves, flat])
-        return Chart(plan, pars, own, (to[0], to[1]), (back[0], back[1]), scene.curves)
-
-    def _numbers(self, back: Sequence[Array]) -> tuple[Array, list[Array]]:
-        """Numbers (elements, 8) of the elements, and all numbers of a plan."""
-        scene, n = self.scene, self.bodies
-        harmonic, constant = scene.excitation.harmonic, scene.excitation.constant
-        own = np.array(
-            [
-                [
-                    element.sign,
-                    complex(element.phasor).real,
-                    complex(element.phasor).imag,
-                    element.offset,
-                    element.drift,
-                    regime.push,
-                    regime.stiffness,
-                    regime.damping,
-                ]
-                for element, regime in zip(scene.elements, self.regimes, strict=True)
-            ]
-        ).reshape(-1, 8)
-        watches = [[w.gap, w.rate, w.force, w.level] for _, w in self.guards[: self.events]]
-        groups = [
-            np.stack([harmonic.real, harmonic.imag, constant]),
-            scene.rows,
-            own,
-            *back,
+    def chart(self, first: int, state: Array) -> Chart:
+        """Coordinates for a motion from a state that was left by one element, see `Charts.of`."""
+        sides = [
+            slides if slides else self.stretch(k, state)
+            for k, slides in zip(self.scene.sliders, self._slides, strict=True)
         ]
-        held = any(k in scene.curves for k in self.held)
-        if scene.motion.equations.constant_mass and not held:
-            zero = np.zeros(n)
-            mass, _ = scene.motion.inertia(scene.excitation.frequency, zero, zero, 0.0)
-            groups += _through(mass, scene.rows[[*self.held, *self.sticking]])
-        return own, [*groups, np.array(watches).reshape(-1, 4)]
+        return self._charts.of(first, tuple(-1 if side < 0.0 else 1 for side in sides))
 
     # --- the motion -------------------------------------------------------------------------------
 
     def after(self, starts: Array, which: Any, durations: Array) -> Array:
-        """States (m, 2, N + 1) at durations (m,) from some of the starts (k, 2, N + 1)."""
+        """States (m, 2, N + J + 1) at durations (m,) from some of the starts (k, 2, N + J + 1)."""
         out = np.empty((len(durations), *starts.shape[1:]))
         for i in np.unique(which).tolist():
             (here,) = np.nonzero(np.asarray(which) == i)
@@ -341,42 +293,50 @@ class TaylorMode:
         return out
 
     def gap_series(self, k: int, state: Array) -> Array:
-        """Taylor coefficients (order + 1,) of the gap of a hard stop at a state (2, N + 1)."""
-        chart, turn = self.chart(k), state[:, -1].tolist()
+        """Taylor coefficients (order + 1,) of the gap of a hard stop at a state."""
+        chart, turn = self.chart(k, state), state[:, -1].tolist()
         z = chart.coordinates(*state[:, :-1], *turn)
         return np.asarray(chart.coefficients(z, *turn)[chart.places[k]])
 
     def path(self, start: Array, longest: float) -> Path:
-        """The motion from a start (2, N + 1) over a duration."""
-        chart = self.chart(self._near(start))
+        """The motion from a start (2, N + J + 1) over a duration."""
+        chart = self.chart(self._near(start), start)
         sine, cosine = start[:, -1].tolist()
         z = self.settled(chart, chart.coordinates(start[0, :-1], start[1, :-1], sine, cosine))
         begins, found = chart.path(z, sine, cosine, longest)
         return Path(self, start, chart, np.append(begins[:-1], longest), found, float(begins[-1]))
 
     def flow(self, start: Array, duration: float, left: int | None = None) -> tuple[Array, Array]:
-        """State (2, N + 1) after a duration, and its derivative (2 N + 1, 2 N + 1).
+        """State (2, N + J + 1) after a duration, and its derivative, square, of 2 N + J + 1 rows.
 
-        Of positions, velocities and phase, by those at the start. Where an element is given that
-        was left, gaps are coordinates.
+        Of positions, velocities, sliders and phase, by those at the start. Where an element is
+        given that was left, gaps are coordinates.
         """
-        chart = self._plain if left is None else self.chart(left)
-        (x, v), (sine, cosine) = self.motion(start), start[:, -1].tolist()
+        chart = self._plain if left is None else self.chart(left, start)
+        (x, v), (sine, cosine) = start[:, :-1], start[:, -1].tolist()
         n, angle = self.bodies, self.scene.excitation.frequency * duration
+        p = len(x)
         z = self.settled(chart, chart.coordinates(x, v, sine, cosine))
         end, flow = chart.transition(z, sine, cosine, duration)
         s, c = np.sin(angle), np.cos(angle)
         turn = sine * c + cosine * s, cosine * c - sine * s
         still = np.concatenate(chart.shifts(0.0, 0.0))
         turned = [np.concatenate(chart.shifts(c, -s)) - still for s, c in ((sine, cosine), turn)]
-        to, back = np.zeros((2, 2 * n, 2 * n))
+        to, back = np.zeros((2, n + p, n + p))
         for out, parts in ((to, (chart.to_x, chart.to_v)), (back, (chart.back_x, chart.back_v))):
-            out[:n, :n], out[n:, n:] = parts
-        whole = np.eye(2 * n + 1)
-        whole[: 2 * n, : 2 * n] = back @ flow[:, :-1] @ to
+            out[:p, :p], out[p:, p:] = parts
+        whole = np.eye(n + p + 1)
+        whole[:-1, :-1] = back @ flow[:, :-1] @ to
         by_phase = flow[:, -1] - flow[:, :-1] @ turned[0] + turned[1]
-        whole[: 2 * n, -1] = back @ by_phase
-        return self.states(np.stack(chart.motion(end, *turn)), *turn), whole
+        whole[:-1, -1] = back @ by_phase
+        order = np.append(self._order, n + p)
+        return self.state(*chart.motion(end, *turn), *turn), whole[np.ix_(order, order)]
+
+    @property
+    def _order(self) -> Any:
+        """Of positions, sliders and velocities the numbers, sliders last, (2 N + J,)."""
+        n, p = self.bodies, self.size
+        return np.concatenate([np.arange(n), np.arange(p, p + n), np.arange(n, p)])
 
     @property
     def numbers(self) -> Array:
@@ -385,29 +345,37 @@ class TaylorMode:
 
     @property
     def _plain(self) -> Chart:
-        """Positions and velocities themselves as coordinates."""
-        if (-1,) not in self._charts:
-            self._charts[-1,] = self._chart((), rubs=False)
-        return self._charts[-1,]
+        return self._charts.plain
 
     def gradients(self, state: Array, change: Array | None = None, *, rates: bool) -> Array:
         """Derivatives of accelerations (N,), or of what guards that end a flight watch, (events,).
 
-        By positions, velocities and phase, (..., 2 N + 1), or by a change of the numbers, (...,).
+        By positions, velocities, sliders and phase, (..., 2 N + J + 1), or by a change of the
+        numbers, (...,). Guards of sliders are left out.
         """
-        (x, v), (sine, cosine) = self.motion(state), state[:, -1].tolist()
-        z = np.concatenate([x, v])
-        found = self._plain.gradients(z, sine, cosine, change, rates=rates)
-        return np.asarray(found[self.bodies :] if rates else found)
+        chart, (sine, cosine) = self._plain, state[:, -1].tolist()
+        z = chart.coordinates(state[0, :-1], state[1, :-1], sine, cosine)
+        found = chart.gradients(z, sine, cosine, change, rates=rates)
+        found = np.asarray(found[self.size :] if rates else found)
+        if change is not None:
+            return found
+        p = len(chart.to_x)
+        found = np.concatenate([found[:, :p] @ chart.to_x, found[:, p:]], axis=1)
+        return np.asarray(found[:, np.append(self._order, found.shape[1] - 1)])
 
     def changed(self, start: Array, duration: float, change: Array) -> Array:
-        """Change of positions and velocities (2 N,) after a duration by one of the numbers."""
-        (x, v), (sine, cosine) = self.motion(start), start[:, -1].tolist()
-        z = np.concatenate([x, v])
-        return np.asarray(self._plain.changed(z, sine, cosine, duration, change))
+        """Change of positions, velocities and sliders after a duration by one of the numbers."""
+        chart, turn = self._plain, start[:, -1].tolist()
+        z = chart.coordinates(*start[:, :-1], *turn)
+        found = chart.changed(z, *turn, duration, change)
+        p = len(chart.to_x)
+        return np.asarray(np.concatenate([chart.back_x @ found[:p], found[p:]])[self._order])
 
     def settled(self, chart: Chart, z: Array) -> Array:
-        """Set gaps and slips of what holds and sticks to zero in coordinates (2 N,), in place."""
+        """Set gaps and slips of what holds and sticks to zero in coordinates (M,), in place.
+
+        And what is left of the stretch of springs whose sliders slide.
+        """
         half = len(z) // 2
         for k in self.held:
             if k in chart.places:
@@ -415,6 +383,9 @@ class TaylorMode:
         for k in self.sticking:
             if k in chart.speeds:
                 z[half + chart.speeds[k]] = 0.0
+        for k, slides in zip(self.scene.sliders, self._slides, strict=True):
+            if slides:
+                z[chart.springs[k]] = 0.0
         return z
 
     def _near(self, state: Array) -> int:
@@ -427,7 +398,7 @@ class TaylorMode:
         return stops[int(np.argmin(gaps))]
 
     def quadrature(self, start: Array, duration: float) -> tuple[Array, Array]:
-        """Weights (m,) of Gauss-Legendre quadrature over a duration, and states (m, 2, N + 1)."""
+        """Weights (m,) of Gauss-Legendre quadrature over a duration, and states there."""
         path = self.path(start, duration)
         nodes, weights = np.polynomial.legendre.leggauss(_NODES)
         half = 0.5 * np.diff(path.ends)[:, None]
@@ -442,11 +413,11 @@ class Path(NamedTuple):
     Attributes
     ----------
     mode : TaylorMode
-    start : (2, N + 1)
+    start : (2, N + J + 1)
     chart : Chart
     ends : (k + 1,)
         Durations at which steps begin and end.
-    coefficients : (k, 2 N, order + 1)
+    coefficients : (k, 2 N + J, order + 1)
     reach : float
         Duration up to which the last polynomial holds.
     """
@@ -459,7 +430,7 @@ class Path(NamedTuple):
     reach: float
 
     def states(self, durations: Array) -> Array:
-        """States (m, 2, N + 1) at durations (m,)."""
+        """States (m, 2, N + J + 1) at durations (m,)."""
         sine, cosine = self.start[:, -1].tolist()
         angle = self.mode.scene.excitation.frequency * durations
         s, c = np.sin(angle), np.cos(angle)
@@ -469,8 +440,7 @@ class Path(NamedTuple):
         for k in np.unique(step).tolist():
             here = step == k
             z[here] = horner(self.coefficients[k], durations[here] - self.ends[k])
-        x, v = self.chart.motion(z, sines, cosines)
-        out = self.mode.states(np.stack([x, v], axis=1), sines, cosines)
+        out = self.mode.state(*self.chart.motion(z, sines, cosines), sines, cosines)
         out[durations == 0.0] = self.start
         return out
 
@@ -485,30 +455,3 @@ def horner(coefficients: Array, times: Array) -> Array:
     for column in coefficients.T[::-1]:
         out = out * times[:, None] + column
     return out
-
-
-def independent(rows: Array) -> bool:
-    """Whether rows (k, N) are linearly independent."""
-    if len(rows) > rows.shape[1]:
-        return False
-    lengths = np.linalg.norm(rows, axis=1)
-    return bool(np.linalg.svd(rows / lengths[:, None], compute_uv=False)[-1] > _INDEPENDENT)
-
-
-def _through(mass: Array, rows: Array) -> list[Array]:
-    """How forces (N,) and prescribed accelerations (h,) act, where the mass matrix is constant.
-
-    Accelerations by both, (N, N) and (N, h), and forces along the rows by both.
-    """
-    inverse: Array = np.asarray(np.linalg.inv(mass), dtype=float)
-    if np.count_nonzero(mass) == len(mass):
-        inverse = np.diag(1.0 / np.diag(mass))
-    if not len(rows):
-        return [inverse]
-    response = inverse @ rows.T
-    stiff = np.linalg.inv(rows @ response)
-    given = response @ stiff
-    through = inverse - given @ response.T
-    size = abs(inverse) + abs(given) @ abs(response.T)
-    through[abs(through) < 2.0**-48 * size] = 0.0
-    return [through, given, -given.T, stiff]

@@ -42,6 +42,11 @@ class Scene:
         return self.motion.equations.size
 
     @cached_property
+    def sliders(self) -> tuple[int, ...]:
+        """Numbers of the elements with sliders."""
+        return tuple(k for k, element in enumerate(self.elements) if element.slider)
+
+    @cached_property
     def rows(self) -> Array:
         """Rows (elements, N) along which the elements act; zero along functions."""
         rows = [element.row(self.size) for element in self.elements]
@@ -84,7 +89,8 @@ class Scene:
     def forces(self, sine: float, cosine: float) -> Array:
         """Harmonic and constant forces (N,)."""
         own = self.excitation
-        return np.asarray(own.harmonic.real * sine + own.harmonic.imag * cosine + own.constant)
+        found = own.harmonic.real * sine + own.harmonic.imag * cosine + own.constant
+        return np.asarray(found[: self.size])
 
     def prescribed(self, k: int, sine: Any, cosine: Any) -> tuple[Any, Any, Any]:
         """Place, velocity and acceleration that an element has along its row."""

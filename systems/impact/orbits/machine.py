@@ -461,6 +461,11 @@ class Machine:
             response = np.linalg.solve(self.mass, self._pushes(after))
             out = out.astype(np.result_type(rates, response))
             out[n : 2 * n] -= response @ np.linalg.solve(rows @ response, rates)
+        return self.slid(after) @ out if self.sliders else out
+
+    def slid(self, after: Regimes) -> Any:
+        """(D, D): what slides after an event is where its spring bears it."""
+        out: Any = np.eye(len(self._given[0]))
         for k, place in self.sliders.items():
             push = self._regime(after.numbers[k], k)[0]
             if push:  # it slides, where its spring bears the friction

@@ -9,10 +9,11 @@ from typing import Any, final
 import numpy as np
 from numpy.typing import NDArray
 
-from dynkit.systems.impact.elements.element import IMPACT, JAM
+from dynkit.systems.impact.elements.element import IMPACT, JAM, JUMP
 from dynkit.systems.impact.elements.stops import HardStop
 from dynkit.systems.impact.modes.structure import ROUNDING, Structure
-from dynkit.systems.impact.modes.taylor_mode import TaylorMode, independent
+from dynkit.systems.impact.modes.taylor_charts import independent
+from dynkit.systems.impact.modes.taylor_mode import TaylorMode
 from dynkit.systems.impact.modes.taylor_scene import Scene
 from dynkit.systems.impact.simulation.automaton import Guard, cycled_by, halts
 from dynkit.systems.impact.simulation.regimes import Parts
@@ -32,15 +33,15 @@ class TaylorAutomaton:
     first : list of int
         Number of the first guard of each mode.
     sliders : dict
-        There are none.
+        Number of the slider's coordinate, by number of the element.
     table : (guards, 4)
         For each guard: its mode, its element, the next mode, and the kind of the event.
 
     Raises
     ------
     ValueError
-        When elements act along rows that depend on one another, have sliders, or are friction with
-        a coefficient; and when several act at once on a structure whose mass matrix varies.
+        When elements act along rows that depend on one another, or are friction with a coefficient;
+        and when several act at once on a structure whose mass matrix varies.
     """
 
     def __init__(self, structure: Structure, scene: Scene) -> None:
@@ -48,7 +49,7 @@ class TaylorAutomaton:
         self._structure, self._scene = structure, scene
         self._elements = scene.elements
         self.parts = Parts(scene.elements, structure, {})
-        self.sliders: dict[int, int] = {}
+        self.sliders = {k: scene.size + i for i, k in enumerate(scene.sliders)}
         self.modes: list[TaylorMode] = []
         self.regimes: list[tuple[int, ...]] = []
         self.guards: list[Guard] = []
@@ -79,7 +80,10 @@ class TaylorAutomaton:
         if guard.target < 0:
             regimes = list(self.regimes[guard.mode])
             regimes[guard.element] = guard.watch.to
-            guard.target = self._number(tuple(regimes))
+            if guard.element in self.sliders and guard.watch.rate:
+                jumps = guard.watch.event == JUMP
+                regimes = self.parts.halted(regimes, guard.element, jumps=jumps)
+            guard.target = self._number(self.parts.settled(regimes))
             guard.partner = self.guard(guard.target, guard.element)
         return guard.target
 
@@ -104,11 +108,12 @@ class TaylorAutomaton:
         both, watched = sum(grips, ()), list[Any]()
         for k, regime in enumerate(now):
             # a stop that faces a closed one keeps its gap, unless they move apart
-            along = False if k in both else self.parts.along(grips[0], k)
+            holding = both if k in self.sliders else grips[0]
+            along = False if k in both else self.parts.along(holding, k)
             for watch in regime.guards if along is not True else ():
                 jams = along is None and watch.event == IMPACT
                 watched.append((k, replace(watch, event=JAM) if jams else watch))
-        watched.sort(key=lambda pair: pair[1].at_once)
+        watched.sort(key=lambda pair: (pair[1].at_once, pair[0] in self.sliders))
         mode = TaylorMode(self._scene, now, grips, watched)
         self.first.append(len(self.guards))
         for k, watch in watched:
@@ -121,9 +126,8 @@ class TaylorAutomaton:
 
     def coupled(self, guard: Guard, other: int) -> bool:
         """Whether an impact changes the rate of another stop's gap."""
-        row = self._elements[other].row(self._structure.size)
-        mode = self.modes[guard.mode]
-        change = mode.kick(guard.element, np.zeros(self._structure.size))
+        row, mode = self._scene.rows[other], self.modes[guard.mode]
+        change = mode.kick(guard.element, np.zeros(self._scene.size))
         return bool(abs(row @ change) > ROUNDING * (abs(row) @ abs(change)))
 
 
@@ -141,11 +145,6 @@ def check_elements(scene: Scene) -> None:
             raise ValueError(
                 "friction with a coefficient needs quadratic energies, and those of this structure "
                 f"are not; got {element!r}"
-            )
-        if element.slider:
-            raise ValueError(
-                "elements with sliders need quadratic energies, and those of this structure are "
-                f"not; got {element!r}"
             )
     rigid = [
         k

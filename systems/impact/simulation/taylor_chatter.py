@@ -89,7 +89,7 @@ def coupling(mode: TaylorMode, chart: Chart, k: int, state: Array) -> tuple[floa
         by_x = mode.gradients(state, rates=True)[:, :n]
     if curved:
         return _along_function(mode, k, state, by_x, by_v)
-    by_gap = chart.to_v @ by_x @ chart.back_x[:, p]
+    by_gap = chart.to_v @ by_x @ chart.back_x[:n, p]
     through = chart.to_v @ by_v @ chart.back_v
     others = np.delete(np.arange(n), p)
     moved = through[others, p]

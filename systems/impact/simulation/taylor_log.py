@@ -19,9 +19,8 @@ class Log:
     """Impacts of a run, in the coordinates of their charts until all are known."""
 
     def __init__(self, rows: int, mode: TaylorMode) -> None:
-        n = mode.bodies
         self._mode, self._count = mode, 0
-        self._z = np.empty((rows, 2 * (n + len(mode.scene.curves))))
+        self._z = np.empty((rows, 2 * (mode.size + len(mode.scene.curves))))
         self._rows: list[tuple[float, float, float, float, int]] = []
         self._charts: list[tuple[int, Chart]] = []
 
@@ -38,14 +37,13 @@ class Log:
 
     def impacts(self) -> Impacts:
         """The log in positions and velocities."""
-        count, n = self._count, self._mode.bodies
+        count = self._count
         columns: Any = list(zip(*self._rows, strict=True)) or [()] * 5
         time, speed, *turns = np.array(columns[:4], dtype=float)
-        turn, states = np.stack(turns, axis=1), np.empty((count, 2, n + 1))
+        turn, states = np.stack(turns, axis=1), np.empty((count, 2, self._mode.size + 1))
         ends = [i for i, _ in self._charts[1:]] + [count] * bool(self._charts)
         for (begin, chart), end in zip(self._charts, ends, strict=True):
             now = slice(begin, end)
-            x, v = chart.motion(self._z[now], *turn[now].T)
-            states[now] = self._mode.states(np.stack([x, v], axis=1), *turn[now].T)
+            states[now] = self._mode.state(*chart.motion(self._z[now], *turn[now].T), *turn[now].T)
         guard = np.array(columns[4], dtype=np.intp)
         return Impacts(time, speed, guard, states, np.empty((0, 2)))

@@ -54,9 +54,11 @@ class Position:
     def _enter(self, x: Array, v: Array) -> None:
         """Take positions and velocities into the coordinates of the present mode."""
         self._mode: TaylorMode = self._automaton.modes[self._number]
-        self._chart: Chart = self._mode.chart(self._left)
-        for k in set(self._mode.held) & set(self._chart.curves):
+        v = v[: self._mode.bodies]
+        for k in set(self._mode.held) & set(self._mode.scene.curves):
             x, v = self._onto(k, x, v, 0.0)
+        state = self._mode.state(x, v, *self._turn)
+        self._chart: Chart = self._mode.chart(self._left, state)
         self._z = self._chart.coordinates(x, v, *self._turn)
         self._mode.settled(self._chart, self._z)
         self._touch()
@@ -66,8 +68,15 @@ class Position:
         self._plain = all(guard.watch.event == IMPACT for guard in events)
 
     def _touch(self) -> None:
-        """Gaps of stops that were just left are exactly zero, and their rates are known."""
+        """Gaps of stops that were just left are exactly zero, and their rates are known.
+
+        So is what is left of the springs of sliders that have just halted.
+        """
         for k, motion in enumerate(self._motion):
+            if motion == SWITCHED and k in self._chart.springs and self._mode.regimes[k].anchored:
+                self._z[self._chart.springs[k]] = self._above(motion)
+                if not math.isnan(self._speed[k]):
+                    self._z[self._half + self._chart.speeds[k]] = 0.0
             if motion != FLIGHT and k in self._chart.places and k not in self._mode.held:
                 self._z[self._chart.places[k]] = self._above(motion)
                 self._z[self._half + self._chart.speeds[k]] = self._speed[k]
@@ -82,12 +91,17 @@ class Position:
         return _RELEASED * float(abs(self._z).max()) if motion == SWITCHED else ABOVE
 
     def _place(self) -> tuple[Array, Array]:
-        """Positions and velocities (N,)."""
+        """Positions, with those of sliders, (N + J,), and velocities (N,)."""
         return self._chart.motion(self._z, *self._turn)
 
+    def _bodies(self) -> tuple[Array, Array]:
+        """Positions and velocities (N,)."""
+        x, v = self._place()
+        return x[: len(v)], v
+
     def _state(self) -> Array:
-        """The state (2, N + 1)."""
-        return self._mode.states(np.stack(self._place()), *self._turn)
+        """The state (2, N + J + 1)."""
+        return self._mode.state(*self._place(), *self._turn)
 
     def _disturb(self) -> None:
         """Change all numbers by pseudo-random parts of themselves, and the phase.
@@ -117,9 +131,8 @@ class Position:
         self._turn = s * factor, c * factor
 
     def _onto(self, k: int, x: Array, v: Array, speed: float) -> tuple[Array, Array]:
-        """Positions and velocities (N,) on a stop along a function, with a rate of its gap."""
+        """Positions (N + J,) and velocities (N,) on a stop along a function; its gap has a rate."""
         x, v, stop = x.copy(), v.copy(), self._oscillator._stops[k]
-        self._oscillator._contacts[k].put_both(
-            x, v, *on_stop(stop, self._frequency, self._turn, speed)
-        )
+        put = on_stop(stop, self._frequency, self._turn, speed)
+        self._oscillator._contacts[k].put_both(x[: len(v)], v, *put)
         return x, v

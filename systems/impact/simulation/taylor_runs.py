@@ -185,7 +185,7 @@ class TaylorCourse(Position):
         """Rate of the gap of a stop."""
         if k in self._chart.places:
             return float(self._z[self._half + self._chart.speeds[k]])
-        return float(self._mode.gap(k, *self._place(), *self._turn)[1])
+        return float(self._mode.gap(k, *self._bodies(), *self._turn)[1])
 
     def _note(self, number: int, rest: float, speed: float) -> None:
         """Note a change of the mode."""
@@ -204,10 +204,16 @@ class TaylorCourse(Position):
             self.ending = Ending.JAMMED
             return
         k, place, stuck = guard.element, self._place(), self._mode.sticking
-        self._number = self._automaton.enter(number)
+        before, self._number = self._number, self._automaton.enter(number)
         self._motion[k] = FLIGHT if guard.watch.event == HALT else moved
         self._speed[k] = 0.0
+        self._slide(before, halts=guard.watch.event == SWITCH and bool(guard.watch.rate))
         self._enter(*place)
+        if k in self._chart.springs and not self._mode.regimes[k].anchored:
+            forward = next(w.rate for j, w in self._mode.guards if j == k)
+            place_of, least = self._half + self._chart.speeds[k], self._above(SWITCHED)
+            if self._z[place_of] * forward < least:
+                self._z[place_of] = least * forward
         if k in stuck and k in self._chart.speeds:
             forward = next(w.rate for j, w in self._mode.guards if j == k and w.halts)
             slip = self._above(SWITCHED)
@@ -215,6 +221,13 @@ class TaylorCourse(Position):
         self._again(k)
         self._disturb()
         self._note(number, 0.0, 0.0)
+
+    def _slide(self, before: int, *, halts: bool) -> None:
+        """Note which sliders another mode begins to hold, or lets slide; and whether at rest."""
+        regimes = self._automaton.regimes
+        for j in self._automaton.sliders:
+            if regimes[before][j] != regimes[self._number][j]:
+                self._motion[j], self._speed[j] = SWITCHED, 0.0 if halts else math.nan
 
     def _again(self, element: int) -> None:
         """In another mode, what did not come to rest may do so."""
@@ -266,7 +279,8 @@ class TaylorCourse(Position):
     def _canonical(self, k: int) -> None:
         """The coordinates that a simulation from this state would begin with."""
         for j, motion in enumerate(self._motion):
-            if j != k and motion != FLIGHT and j < len(self._oscillator._stops):
+            moves = j < len(self._oscillator._stops) or j in self._chart.springs
+            if j != k and motion != FLIGHT and moves:
                 self._motion[j] = FLIGHT
         state = self._place()
         self._z = self._chart.coordinates(*state, *self._turn)
@@ -281,7 +295,7 @@ class TaylorCourse(Position):
         if k in self._kicks:
             return self._kicks[k]
         kick: Array | None
-        x = self._place()[0]
+        x = self._bodies()[0]
         kick = self._chart.kicked(x, self._mode.kick(k, x, math.atan2(*self._turn)))
         if not np.delete(kick, self._chart.speeds[k]).any():
             kick = None
@@ -332,7 +346,8 @@ class TaylorCourse(Position):
                 continue
             value, band = self._mode.watched(i, state)
             falls = watch.event == SWITCH and abs(value) <= band and self._falls(i)
-            if value < -band or falls:
+            jumps = watch.event == JUMP or k not in self._chart.springs or not watch.rate
+            if (value < -band and jumps) or falls:  # a slider that halts at a jump still moves
                 return int(self._first + i)
         return None
 
@@ -343,8 +358,9 @@ class TaylorCourse(Position):
             time = part * self._period
             angle = self._oscillator.frequency * time
             turn = self._turn[0] + angle * self._turn[1], self._turn[1] - angle * self._turn[0]
-            x, v = self._chart.motion(horner(coefficients, np.array([time]))[0], *turn)
-            value, band = self._mode.watched(i, self._mode.states(np.stack([x, v]), *turn))
+            z = horner(coefficients, np.array([time]))[0]
+            state = self._mode.state(*self._chart.motion(z, *turn), *turn)
+            value, band = self._mode.watched(i, state)
             if abs(value) > band:
                 return value < 0.0
         return False
@@ -395,7 +411,7 @@ class TaylorCourse(Position):
         """Whether a stop that is touched without a rate holds: by the gap's next derivative."""
         found = self._chart.coefficients(self._z, *self._turn)[self._chart.places[k]]
         a, pushes, given = self._mode.balance(self._state())
-        x, v = self._place()
+        x, v = self._bodies()
         row, bend = self._mode.scene.rows_at(x)[k], self._mode.scene.bends(x, v)[k]
         size = float(abs(row) @ abs(a) + abs(bend)) + float(abs(given).max(initial=0.0))
         size += float(abs(pushes).max(initial=0.0))
@@ -421,17 +437,17 @@ class TaylorCourse(Position):
             element = element if element in hard else hard[0]
             motion, speed = Motion.TABLE, 0.0
         closed = [k for k in closed if k != element or oscillator._strobed]
-        n, count = self._mode.bodies, len(self._switches)
+        slots, count = self._mode.size, len(self._switches)
         columns: Any = list(zip(*self._switches, strict=True)) or [()] * 6
         times, rests, speeds = np.array(columns[:3], dtype=float)
         before, guards = np.array(columns[3:5], dtype=np.intp)
-        states = np.array(columns[5]).reshape(count, 2, n + 1)
+        states = np.array(columns[5]).reshape(count, 2, slots + 1)
         switches = Switches(times, rests, speeds, before, guards, states)
         turn = np.array(self._turn)
         return Trajectory(
             self._start,
             state_of(
-                oscillator, np.stack(self._place()), turn, speed, element, motion, tuple(closed)
+                oscillator, self._state()[:, :-1], turn, speed, element, motion, tuple(closed)
             ),
             log,
             switches,

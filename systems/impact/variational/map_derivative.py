@@ -118,7 +118,7 @@ def _by_variations(oscillator: DrivenStructure, state: ImpactState, run: Traject
     out, end = followed(oscillator, run, _lift(oscillator, state))
     if oscillator._strobed:
         positions, velocities = oscillator._crossed.kept
-        return np.vstack([out[positions], out[n + velocities]])
+        return np.vstack([out[positions], out[n + velocities], out[2 * n : -1]])
     guard = oscillator._automaton.guards[int(run.log.guard[-1])]
     mode = oscillator._automaton.modes[guard.mode]
     stop, (sine, cosine) = oscillator._stops[side], end[:, -1].tolist()
@@ -127,7 +127,7 @@ def _by_variations(oscillator: DrivenStructure, state: ImpactState, run: Traject
     out, before = hit(mode, side, end, out, slope, r)
     own = slope if side == 1 and oscillator._faces else -slope
     others = oscillator._others[side]
-    return np.vstack([out[others], out[n + others], own * before, out[-1]])
+    return np.vstack([out[others], out[n + others], out[2 * n : -1], own * before, out[-1]])
 
 
 def parameter_derivative(

@@ -1,7 +1,7 @@
 """Derivative of the impact map where the energies are not quadratic: by variational equations.
 
-A disturbance (x, v, phase) is that at its own event: where an event comes later by s, it also
-changes by s times the rate of the state.
+A disturbance (x, v, places of sliders, phase) is that at its own event: where an event comes later
+by s, it also changes by s times the rate of the state.
 """
 
 from __future__ import annotations
@@ -21,20 +21,20 @@ if TYPE_CHECKING:
 
 
 def followed(oscillator: DrivenStructure, run: Trajectory, lifted: Array) -> tuple[Array, Any]:
-    """Disturbances (2 N + 1, d) just before the last impact of a run, and the state (2, N + 1).
+    """Disturbances (2 N + J + 1, d) before the last impact of a run, and the state there.
 
     Parameters
     ----------
     run : Trajectory
         One impact from a start.
-    lifted : (2 N + 2, d)
+    lifted : (2 (N + J + 1), d)
         Disturbances of the state at the start.
     """
     automaton, s, n = oscillator._automaton, run.segments, oscillator.degrees_of_freedom
     sine, cosine = run.start._turn
-    parts = lifted.reshape(2, n + 1, -1)
-    turned = cosine * parts[0, n] - sine * parts[1, n]
-    out = np.concatenate([parts[0, :n], parts[1, :n], turned[None]])
+    parts = lifted.reshape(2, oscillator._size + 1, -1)
+    turned = cosine * parts[0, -1] - sine * parts[1, -1]
+    out = np.concatenate([parts[0, :n], parts[1, :n], parts[0, n:-1], turned[None]])
     last, ended = len(s.begin) - 1, out[-1] * 0.0
     for i in range(last):
         mode: TaylorMode = automaton.modes[int(s.mode[i])]
@@ -42,10 +42,14 @@ def followed(oscillator: DrivenStructure, run: Trajectory, lifted: Array) -> tup
         guard = automaton.guards[int(s.guard[i + 1])]
         number = int(s.guard[i + 1]) - automaton.first[guard.mode]
         final = oscillator._strobed and i == last - 1
+        for j, k in enumerate(mode.scene.sliders):
+            if not mode.regimes[k].anchored:
+                out[2 * n + j] = mode.scene.rows[k] @ out[:n]
         if duration > 0.0:
             state, flow = mode.flow(state, duration, int(s.element[i]))
             out = flow @ out
-            rate = np.concatenate([*mode.rate(state[None])[0, :, :n], [oscillator.frequency]])
+            moving = mode.rate(state[None])[0]
+            rate = np.concatenate([*moving[:, :n], moving[0, n:-1], [oscillator.frequency]])
             if final:
                 later = -ended
             else:
@@ -61,7 +65,7 @@ def followed(oscillator: DrivenStructure, run: Trajectory, lifted: Array) -> tup
 def hit(
     mode: TaylorMode, k: int, state: Array, disturbances: Array, slope: float, r: float
 ) -> tuple[Array, Array]:
-    """Disturbances (2 N + 1, d) after an impact, and those of the gap's rate before it, (d,)."""
+    """Disturbances (2 N + J + 1, d) after an impact, and those of the rate before it, (d,)."""
     n, out = mode.bodies, disturbances.copy()
     x, v = state[0, :n], state[1, :n]
     sine, cosine = state[:, -1].tolist()
@@ -71,29 +75,31 @@ def hit(
     out[n : 2 * n] += reset(slope, mode.kick(k, x, phase), by_rate)
     if not mode.constant_kicks:
         by_place = mode.kick_by_place(k, x, phase)
-        moved = np.concatenate([disturbances[:n], disturbances[2 * n :]])
+        moved = np.concatenate([disturbances[:n], disturbances[-1:]])
         out[n : 2 * n] -= (1.0 + r) * rate * (by_place @ moved)
     return out, by_rate
 
 
 def rate_row(mode: TaylorMode, k: int, state: Array) -> Array:
-    """Derivative (2 N + 1,) of the rate of an element's gap by positions, velocities and phase."""
+    """Derivative (2 N + J + 1,) of the rate of an element's gap by a disturbance."""
     scene, element, (x, v) = mode.scene, mode.scene.elements[k], mode.motion(state)
     sine, cosine = state[:, -1].tolist()
     turned = element.swing_rate(scene.excitation.frequency, cosine, -sine)
     bend = scene.curves[k].bend(x, v) if k in scene.curves else np.zeros(len(x))
-    return np.asarray(element.sign * np.concatenate([bend, scene.rows_at(x)[k], [-turned]]))
+    still = np.zeros(len(scene.sliders))
+    return np.asarray(element.sign * np.concatenate([bend, scene.rows_at(x)[k], still, [-turned]]))
 
 
 def gradient(mode: TaylorMode, number: int, state: Array) -> Array:
-    """Derivative (2 N + 1,) of a guard by positions, velocities and phase."""
+    """Derivative (2 N + J + 1,) of a guard by a disturbance."""
     k, watch = mode.guards[number]
     if watch.force:
         return np.asarray(mode.gradients(state, rates=False)[number])
     scene, element, n = mode.scene, mode.scene.elements[k], mode.bodies
-    sine, cosine = state[:, -1].tolist()
-    turned = element.swing(cosine, -sine)
-    along = scene.rows_at(state[0, :n])[k]
-    row = watch.gap * element.sign * np.concatenate([along, np.zeros(n), [-turned]])
-    row = row + watch.rate * rate_row(mode, k, state)
+    turned = element.swing(state[1, -1], -state[0, -1])
+    row = watch.rate * rate_row(mode, k, state)
+    row[:n] += element.sign * (watch.gap + watch.stretch) * scene.rows_at(state[0, :n])[k]
+    row[-1] -= element.sign * watch.gap * turned
+    if watch.stretch:
+        row[2 * n + scene.sliders.index(k)] -= element.sign * watch.stretch
     return np.asarray(row)

@@ -121,25 +121,27 @@ class TaylorFlights:
         self._n = oscillator.degrees_of_freedom
 
     def short(self, z: Array) -> Array:
-        """A state (2, N + 1) of a whole state (D,)."""
-        x, v = z[:-3].reshape(2, -1)
-        return np.stack([np.append(x, z[-3]), np.append(v, z[-2])])
+        """A state (2, N + J + 1) of a whole state (D,)."""
+        n = self._n
+        x = np.concatenate([z[:n], z[2 * n : -3]])
+        return self.mode.state(x, z[n : 2 * n], z[-3], z[-2])
 
     def whole(self, states: Array) -> Array:
-        """Whole states (k, D) of states (k, 2, N + 1)."""
-        x, v = states[:, 0, :-1], states[:, 1, :-1]
-        return np.concatenate([x, v, states[..., -1], np.ones((len(x), 1))], axis=1)
+        """Whole states (k, D) of states (k, 2, N + J + 1)."""
+        x, v = self.mode.motion(states)
+        parts = x, v, self.mode.sliders(states), states[..., -1], np.ones((len(x), 1))
+        return np.concatenate(parts, axis=1)
 
     def wide(self, rows: Array, z: Array) -> Array:
-        """Rows (..., D) of rows (..., 2N + 1) that end with derivatives by the phase of a state."""
+        """Rows (..., D) of rows (..., 2 N + J + 1) that end with those by the phase of a state."""
         by_phase = rows[..., -1:]
         ends = by_phase * z[-2], -by_phase * z[-3], 0.0 * by_phase
         return np.concatenate([rows[..., :-1], *ends], axis=-1)
 
     def rate(self, z: Array) -> Array:
         """Rate (D,) of a state."""
-        (found,) = self.mode.rate(self.short(z)[None])
-        return np.concatenate([*found[:, :-1], found[:, -1], [0.0]])
+        (found,) = self.whole(self.mode.rate(self.short(z)[None]))
+        return np.append(found[:-1], 0.0)
 
     def tangent(self, z: Array) -> Array:
         """Derivative (D, D) of the rate of a state by it."""
@@ -147,6 +149,10 @@ class TaylorFlights:
         out[:n, n : 2 * n] = np.eye(n)
         out[n : 2 * n] = self.wide(self.mode.gradients(self.short(z), rates=True), z)
         out[-3, -2], out[-2, -3] = self._clock, -self._clock
+        for j, k in enumerate(self.mode.scene.sliders):
+            out[2 * n + j, n : 2 * n] = self.mode.scene.rows[k]
+            if self.mode.regimes[k].anchored:
+                out[2 * n + j] -= self.mode.scene.elements[k].sign * self.machine.rate(k).real
         return out
 
     def path(self, z: Array, lasts: float) -> Path:
@@ -168,7 +174,7 @@ class TaylorFlights:
         except (Diverged, CannotFollow) as refusal:
             raise NoSolution(str(refusal)) from refusal
         out = np.eye(len(z))
-        out[: 2 * self._n] = self.wide(flow[:-1], z)
+        out[:-3] = self.wide(flow[:-1], z)
         s, c = math.sin(self._clock * lasts), math.cos(self._clock * lasts)
         out[-3:-1, -3:-1] = [[c, s], [-s, c]]
         return self.whole(end[None])[0], out
@@ -177,7 +183,7 @@ class TaylorFlights:
         """Change (D,) of the state after a flight by the changes of numbers."""
         out = np.zeros(len(z))
         if self.changes is not None:
-            out[: 2 * self._n] = self.mode.changed(self.short(z), lasts, self.changes)
+            out[:-3] = self.mode.changed(self.short(z), lasts, self.changes)
             turned = math.atan2(z[-3], z[-2]) + self._clock * lasts
             later = lasts * float(self.changes[FREQUENCY])
             out[-3:-1] = later * math.cos(turned), -later * math.sin(turned)
@@ -188,6 +194,10 @@ class TaylorFlights:
         out, n = np.zeros(len(z)), self._n
         if self.changes is not None:
             out[n : 2 * n] = self.mode.gradients(self.short(z), self.changes, rates=True)
+            for j, k in enumerate(self.mode.scene.sliders):
+                if self.mode.regimes[k].anchored:
+                    row = self.mode.scene.elements[k].sign * self.machine.rate(k)
+                    out[2 * n + j] = -float((row @ z).imag) / STEP
         return out
 
     # --- elements, also with imaginary changes of states and numbers ------------------------------
@@ -288,7 +298,8 @@ class TaylorFlights:
             matrix = put if event.chatters else self.machine.caught(event.mode, self._regimes)
             return matrix @ z, matrix.real
         if not event.chatters and not set(self._regimes.held) - set(event.mode.held):
-            return z, np.eye(len(z))
+            slid = self.machine.slid(self._regimes)
+            return slid @ z, slid.real
 
         def moved(there: Any) -> Any:
             return self._put(event.element, there) if event.chatters else self._caught(there)
@@ -318,7 +329,9 @@ class TaylorFlights:
         rates = np.array([elements[k].sign * self.rate_of(k, z)[0] for k in held])
         response = np.linalg.solve(mass, rows[held].T)
         lost = response @ np.linalg.solve(rows[held] @ response, rates)
-        return z - np.concatenate([np.zeros(n), lost, np.zeros(3)])
+        return self.machine.slid(self._regimes) @ np.concatenate(
+            [z[:n], z[n : 2 * n] - lost, z[2 * n :]]
+        )
 
     # --- in a chatter -----------------------------------------------------------------------------
 
@@ -399,7 +412,10 @@ def _phase(z: Any) -> Any:
 
 def same(a: Any, b: Any) -> bool:
     """Whether guards are the same: what they do may depend on what others hold."""
-    return (a.to, a.gap, a.rate, a.force, a.level) == (b.to, b.gap, b.rate, b.force, b.level)
+    pairs = (
+        (getattr(a, n), getattr(b, n)) for n in ("to", "gap", "rate", "force", "stretch", "level")
+    )
+    return all(one == two for one, two in pairs)
 
 
 def number_of(guards: Sequence[Any], watch: Any) -> int:

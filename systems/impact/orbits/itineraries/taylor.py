@@ -223,7 +223,8 @@ class TaylorSolution(ShootingSolution):
         phase = np.arctan2(*self.after[j, -3:-1]) + 0.5 * np.pi * order
         sines, cosines = weights * np.sin(phase), weights * np.cos(phase)
         one = (order == 0) * 1.0
-        motion = np.concatenate(path.chart.motion(z, sines, cosines, one), axis=1)
+        x, v = path.chart.motion(z, sines, cosines, one)
+        motion = np.concatenate([x[:, : v.shape[1]], v, x[:, v.shape[1] :]], axis=1)
         found = motion @ row[:-3] + sines * row[-3] + cosines * row[-2]
         found[0] += row[-1]
         if self.durations[j] > 0.0:
