@@ -76,7 +76,8 @@ class Charts:
     @cached_property
     def plain(self) -> Chart:
         """Positions and velocities themselves as coordinates."""
-        return self._made((), (1,) * len(self._scene.sliders), rubs=False)
+        slides = (self._regimes[k].stretch for k in self._scene.sliders)
+        return self._made((), tuple(-1 if stretch < 0.0 else 1 for stretch in slides), rubs=False)
 
     def _apart(self, numbers: Sequence[int]) -> bool:
         return independent(self._scene.rows[list(numbers)])
