@@ -31,14 +31,15 @@ class CurvedContact:
     def put_both(self, x: Array, v: Array, place: Any, speed: Any) -> None:
         """Give y and its rate prescribed values (...), at positions and velocities (..., N).
 
-        Both move along the gradient of y, and change in place.
+        Both move along the gradient of y, and change in place. Sliders that follow, (..., N + J), stay.
 
         Raises
         ------
         Refused
             When y does not reach its value along the gradient.
         """
-        n, shape = x.shape[-1], x.shape[:-1]
+        n, shape = len(self.others), x.shape[:-1]
+        x, v = x[..., :n], v[..., :n]
         places, speeds = (np.broadcast_to(given, shape).ravel() for given in (place, speed))
         positions, velocities = x.reshape(-1, n), v.reshape(-1, n)
         for k, (at, moving) in enumerate(zip(positions, velocities, strict=True)):

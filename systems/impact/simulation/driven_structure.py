@@ -238,7 +238,7 @@ class DrivenStructure(LagrangianStructure):
         """The contacts of all hard stops."""
         n, structure = self._size, self._structure
         if self._curves:
-            return (CurvedContact(self._curves[0], n),)
+            return (CurvedContact(self._curves[0], self.degrees_of_freedom),)
         return tuple(structure.contact(stop.row(n)) for stop in self._stops)
 
     @property

@@ -9,7 +9,7 @@ import numpy as np
 
 from dynkit.core.validation import Array
 from dynkit.systems.impact.elements.element import IMPACT
-from dynkit.systems.impact.simulation.state import TWO_PI, ImpactState, Motion, on_stop
+from dynkit.systems.impact.simulation.state import TOUCHED, TWO_PI, ImpactState, Motion, on_stop
 
 if TYPE_CHECKING:
     from dynkit.systems.impact.modes.taylor_chart import Chart
@@ -27,6 +27,9 @@ ABOVE = 1e-300
 
 _RELEASED = 2.0**-80
 """Gap after a release, and slip after a halt, relative to the largest coordinate."""
+
+_ROUNDS = 4
+"""Turns from coordinates to positions and back, after which rounding changes nothing."""
 
 _STEPS = 16.0
 """Steps of a flight whose roundings the disturbance of one event covers."""
@@ -70,16 +73,26 @@ class Position:
     def _touch(self) -> None:
         """Gaps of stops that were just left are exactly zero, and their rates are known.
 
-        So is what is left of the springs of sliders that have just halted.
+        So is what is left of the springs of sliders that are about to yield, or have just halted.
         """
-        for k, motion in enumerate(self._motion):
-            if motion == SWITCHED and k in self._chart.springs and self._mode.regimes[k].anchored:
-                self._z[self._chart.springs[k]] = self._above(motion)
-                if not math.isnan(self._speed[k]):
+        size = TOUCHED * float(abs(self._z[: self._half]).max())
+        for k, place in self._chart.springs.items():
+            if self._mode.regimes[k].anchored and abs(self._z[place]) <= size:
+                self._z[place] = self._above(SWITCHED)
+                if self._motion[k] == SWITCHED and not math.isnan(self._speed[k]):
                     self._z[self._half + self._chart.speeds[k]] = 0.0
+        for k, motion in enumerate(self._motion):
             if motion != FLIGHT and k in self._chart.places and k not in self._mode.held:
                 self._z[self._chart.places[k]] = self._above(motion)
                 self._z[self._half + self._chart.speeds[k]] = self._speed[k]
+
+    def _afresh(self) -> None:
+        """Take the coordinates with which a run from this state begins, where there are sliders."""
+        for _ in range(_ROUNDS if self._chart.springs else 0):
+            before = self._z
+            self._enter(*self._place())
+            if (self._z == before).all():
+                break
 
     @property
     def _half(self) -> int:
@@ -134,5 +147,5 @@ class Position:
         """Positions (N + J,) and velocities (N,) on a stop along a function; its gap has a rate."""
         x, v, stop = x.copy(), v.copy(), self._oscillator._stops[k]
         put = on_stop(stop, self._frequency, self._turn, speed)
-        self._oscillator._contacts[k].put_both(x[: len(v)], v, *put)
+        self._oscillator._contacts[k].put_both(x, v, *put)
         return x, v

@@ -159,6 +159,7 @@ class TaylorCourse(Position):
             # The duration of a period is rounded, in all periods alike.
             self._z, self._remaining = end, self._period
             self._turn = self._noise * self._late, 1.0
+            self._afresh()
             self._disturb()
             return -1
         return int(self._first + index)
@@ -286,6 +287,7 @@ class TaylorCourse(Position):
         self._z = self._chart.coordinates(*state, *self._turn)
         self._mode.settled(self._chart, self._z)
         self._touch()
+        self._afresh()
 
     def _kick(self, k: int) -> Array | None:
         """Change (N,) of the velocity coordinates by a unit jump of the rate of a gap.

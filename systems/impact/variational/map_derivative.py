@@ -107,8 +107,8 @@ def tangent(oscillator: DrivenStructure, state: ImpactState) -> Array:
     The stop acts along a function of the coordinates.
     """
     n, d = oscillator.degrees_of_freedom, oscillator.dimension
-    lifted = _lift(oscillator, state).reshape(2, n + 1, d)
-    put = np.concatenate([lifted[0, :n], lifted[1, :n], np.eye(d)[-2:]])
+    lifted = _lift(oscillator, state).reshape(2, -1, d)
+    put = np.concatenate([lifted[0, :-1], lifted[1, :n], np.eye(d)[-2:]])
     return np.asarray(np.linalg.svd(put)[0][:, : d - 2])
 
 
@@ -299,7 +299,8 @@ def _lift(oscillator: DrivenStructure, state: ImpactState) -> Array:
         place[-1] = stop.swing(cosine, -sine)
         moving[-1] = stop.swing_rate(oscillator.frequency, cosine, -sine)
         if oscillator._curves:
-            x, v = contact.lifted(state.position, state.velocity, (x, v, place, moving))
+            moved = x[:, :n], v[:, :n], place, moving
+            x[:, :n], v[:, :n] = contact.lifted(state.position, state.velocity, moved)
         else:
             contact.put(x, place)
             contact.put(v, moving)

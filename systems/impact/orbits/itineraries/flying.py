@@ -281,7 +281,7 @@ class TaylorFlights:
 
     def turned(self, element: int, z: Array) -> Array:
         """Derivative (D, D) of a kick by the state."""
-        n, rows, out = self._n, np.zeros((self._n, 2 * self._n + 1)), np.zeros((len(z), len(z)))
+        n, rows, out = self._n, np.zeros((self._n, len(z) - 2)), np.zeros((len(z), len(z)))
         by_place = self.mode.kick_by_place(element, z[:n], _phase(z))
         rows[:, :n], rows[:, -1] = by_place[:, :n], by_place[:, n]
         out[n : 2 * n] = self.wide(rows, z)
