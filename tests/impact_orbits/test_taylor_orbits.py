@@ -15,6 +15,7 @@ from dynkit.systems import (
     DryFriction,
     HardStop,
     ImpactChain,
+    Jenkins,
     SoftStop,
     TodaChain,
 )
@@ -60,6 +61,25 @@ LINEAR: dict[str, tuple[dict[str, Any], list[str]]] = {
     "contact without rebound": (
         {"masses": 3, "frequency": 0.8, "side": "below", "restitution": 0.0},
         ["frequency", "offset"],
+    ),
+    "joint": (
+        {
+            "masses": 2,
+            "frequency": 0.9,
+            "elements": [
+                TABLE,
+                Jenkins(
+                    0,
+                    stiffness=2.0,
+                    force=0.02,
+                    velocity=0.01,
+                    amplitude=0.05,
+                    side="below",
+                    name="j",
+                ),
+            ],
+        },
+        ["frequency", "j.velocity", "j.amplitude", "j.phase", "j.force", "j.stiffness"],
     ),
     "masses hit each other": (
         {

@@ -31,7 +31,7 @@ class CurvedContact:
     def put_both(self, x: Array, v: Array, place: Any, speed: Any) -> None:
         """Give y and its rate prescribed values (...), at positions and velocities (..., N).
 
-        Both move along the gradient of y, and change in place. Sliders that follow, (..., N + J), stay.
+        Both move along the gradient of y, and change in place. Sliders, which may follow, stay.
 
         Raises
         ------
