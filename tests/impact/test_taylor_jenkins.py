@@ -144,7 +144,7 @@ def test_energies_balance_and_runs_go_on_bit_for_bit(name: str) -> None:
     whole = recorded(name)
     balance, rest = whole.energy_balance(), SYSTEMS[name].simulate(impacts=6, start=None)
     assert balance.error < 1e-12
-    assert all(heat >= 0.0 for heat in balance.dissipated.values())
+    assert all(heat >= -balance.error for heat in balance.dissipated.values())
     on = SYSTEMS[name].simulate(impacts=6, start=rest.final)
     assert (on.states == whole.states[6:]).all()
 
