@@ -239,8 +239,10 @@ def rides(structure: Structure, held: Sequence[Element], element: Element) -> bo
     return True
 
 
-def pushed(structure: Structure, closed: Sequence[Element], hit: Element) -> tuple[int, bool]:
+def pushed(mass: Array, rows: Array) -> tuple[int, bool]:
     """The closed stop that an impact opens, -1 for none, and whether it pushes against another.
+
+    Of rows (k, N) towards the sides of stops the last one is that of the impact.
 
     Newton's law with complementarity: the closed stops have impulses p >= 0 and rates u >= 0 after
     the impact with p u = 0, independent of its size. Of several that open, it is the fastest.
@@ -252,9 +254,7 @@ def pushed(structure: Structure, closed: Sequence[Element], hit: Element) -> tup
     """
     from scipy.optimize import nnls
 
-    stops = [*closed, hit]
-    rows = np.array([stop.sign * stop.row(structure.size) for stop in stops])
-    effect = rows @ np.linalg.solve(structure.mass, rows.T)
+    effect = rows @ np.linalg.solve(mass, rows.T)
     effect /= np.sqrt(np.outer(np.diag(effect), np.diag(effect)))
     own, by_hit = effect[:-1, :-1], effect[:-1, -1]
     root = np.linalg.cholesky(own)
@@ -265,15 +265,21 @@ def pushed(structure: Structure, closed: Sequence[Element], hit: Element) -> tup
     return (fastest if rates[fastest] > ROUNDING else -1), bool((impulse > ROUNDING).any())
 
 
-def moves(structure: Structure, closed: Sequence[Element], hit: Element, other: Element) -> bool:
-    """Whether an impact changes the rate of another element's row."""
-    rows = [element.row(structure.size) for element in (*closed, hit)]
-    effect = np.linalg.solve(structure.mass, np.array(rows).T)
-    inertia = np.array(rows) @ effect
-    impulse = np.linalg.solve(inertia, np.eye(len(rows))[-1])  # the closed ones stay closed
+def moves(mass: Array, rows: Array, row: Array) -> bool:
+    """Whether an impact changes the rate of a row (N,); its own is the last one of closed ones."""
+    effect = np.linalg.solve(mass, rows.T)
+    impulse = np.linalg.solve(rows @ effect, np.eye(len(rows))[-1])  # the closed ones stay closed
     change = effect @ impulse
-    row = other.row(structure.size)
     return bool(abs(row @ change) > ROUNDING * (abs(row) @ abs(change)))
+
+
+def depends(mass: Array, rows: Array) -> bool:
+    """Whether the last row (N,) depends on the others, to rounding."""
+    effect = rows @ np.linalg.solve(mass, rows.T)
+    size = np.sqrt(np.diag(effect))
+    effect = effect / np.outer(size, size)
+    left = 1.0 - effect[-1, :-1] @ np.linalg.lstsq(effect[:-1, :-1], effect[:-1, -1])[0]
+    return bool(left <= ROUNDING)
 
 
 def sum_of(mode: Mode, element: Element, watch: Watch, slider: int) -> Any:

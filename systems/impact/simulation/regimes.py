@@ -19,7 +19,7 @@ from dynkit.systems.impact.elements.element import (
 )
 from dynkit.systems.impact.elements.friction import LANDED, OFF, STICKS, TURNED, DryFriction
 from dynkit.systems.impact.elements.stops import HardStop
-from dynkit.systems.impact.modes.constrained import moves, pushed, rides
+from dynkit.systems.impact.modes.constrained import depends, moves, pushed, rides
 from dynkit.systems.impact.modes.structure import Structure
 
 
@@ -144,8 +144,8 @@ class Parts:
         """Whether other elements hold the row of an element: see `rides`."""
         if (others, element) not in self._along:
             held = [self._elements[k] for k in others if not self._elements[k].curved]
-            found = rides(self._structure, held, self._elements[element])
-            self._along[others, element] = found
+            own, curved = self._elements[element], self._elements[element].curved
+            self._along[others, element] = not curved and rides(self._structure, held, own)
         return self._along[others, element]
 
     def hard(self, element: int) -> bool:
@@ -168,25 +168,39 @@ class Parts:
         rows = [(guard.mode, guard.element, guard.target, kind(guard)) for guard in guards]
         return np.array(rows, dtype=np.intp).reshape(-1, 4)
 
-    def pushed(self, regimes: Sequence[int], hit: int) -> tuple[int, bool]:
+    def pushed(
+        self, regimes: Sequence[int], hit: int, there: tuple[Array, Array] | None = None
+    ) -> tuple[int, bool]:
         """Sticking element or closed stop moved by an impact; whether it pushes against a stop.
 
-        A stop along a row that closed stops hold is hit if it pushes away from one of these.
+        A stop along a row that closed stops hold is hit if it pushes away from one of these. Where
+        masses or rows vary, the mass matrix and the rows (elements, N) of the state are given.
         """
         held, sticking = self.grips(regimes)
         closed = [k for k in held if self.hard(k)]
-        own, element = [self._elements[k] for k in closed], self._elements[hit]
-        if self.along(tuple(closed), hit) is not False:
-            opened = pushed(self._structure, own, element)[0]
-            others = tuple(k for k in closed if opened < 0 or k != closed[opened])
-            away = opened >= 0 and self.along(others, hit) is False
+        size = self._structure.size
+        mass, rows = there or (
+            self._structure.mass,
+            np.array([e.row(size) for e in self._elements]),
+        )
+        signed = np.array([element.sign for element in self._elements])[:, None] * rows
+
+        def rests(others: Sequence[int]) -> bool:
+            if there is None:
+                return self.along(tuple(others), hit) is not False
+            return bool(others) and depends(mass, rows[[*others, hit]])
+
+        if rests(closed):
+            opened = pushed(mass, signed[[*closed, hit]])[0]
+            others = [k for k in closed if opened < 0 or k != closed[opened]]
+            away = opened >= 0 and not rests(others)
             return closed[opened] if away else -1, False
         for k in (*sticking, *(k for k in held if k not in closed)):  # they take no impulse
-            if moves(self._structure, own, element, self._elements[k]):
+            if moves(mass, rows[[*closed, hit]], rows[k]):
                 return k, False
         if not closed:
             return -1, False
-        opened, ambiguous = pushed(self._structure, own, element)
+        opened, ambiguous = pushed(mass, signed[[*closed, hit]])
         return closed[opened] if opened >= 0 else -1, ambiguous
 
     @property

@@ -9,6 +9,7 @@ from typing import Any, final
 import numpy as np
 from numpy.typing import NDArray
 
+from dynkit.core.validation import Array
 from dynkit.systems.impact.elements.element import IMPACT, JAM, JUMP
 from dynkit.systems.impact.elements.stops import HardStop
 from dynkit.systems.impact.modes.structure import ROUNDING, Structure
@@ -40,8 +41,7 @@ class TaylorAutomaton:
     Raises
     ------
     ValueError
-        When elements act along rows that depend on one another, or are friction with a coefficient;
-        and when several act at once on a structure whose mass matrix varies.
+        When elements act along rows that depend on one another, or are friction with a coefficient.
     """
 
     def __init__(self, structure: Structure, scene: Scene) -> None:
@@ -118,16 +118,26 @@ class TaylorAutomaton:
         self.first.append(len(self.guards))
         for k, watch in watched:
             guard = Guard(number, k, watch, None)
-            if watch.event == IMPACT:
+            if watch.event == IMPACT and mode.constant_kicks:
                 guard.opens, guard.ambiguous = self.parts.pushed(regimes, k)
             self.guards.append(guard)
         self.modes.append(mode)
         self.regimes.append(regimes)
 
-    def coupled(self, guard: Guard, other: int) -> bool:
-        """Whether an impact changes the rate of another stop's gap."""
-        row, mode = self._scene.rows[other], self.modes[guard.mode]
-        change = mode.kick(guard.element, np.zeros(self._scene.size))
+    def outcome(self, guard: Guard, x: Array, phase: float) -> tuple[int, bool]:
+        """What an impact at positions (N,) and a phase opens or moves, -1 for none.
+
+        And whether it pushes against a closed stop.
+        """
+        if self.modes[guard.mode].constant_kicks:
+            return guard.opens, guard.ambiguous
+        there = self._scene.inertia(x, phase)
+        return self.parts.pushed(self.regimes[guard.mode], guard.element, there)
+
+    def coupled(self, guard: Guard, other: int, x: Array, phase: float) -> bool:
+        """Whether an impact there changes the rate of another stop's gap."""
+        row, mode = self._scene.rows_at(x)[other], self.modes[guard.mode]
+        change = mode.kick(guard.element, x, phase)
         return bool(abs(row @ change) > ROUNDING * (abs(row) @ abs(change)))
 
 
@@ -168,9 +178,3 @@ def check_elements(scene: Scene) -> None:
                 "elements of a structure whose energies are not quadratic must act along rows "
                 f"that do not depend on one another; got {elements[k]!r} beside others"
             )
-    if len(rows) > 1 and not scene.motion.equations.constant_mass:
-        raise ValueError(
-            "elements must be one hard stop, a play, one friction, or one preload, beside soft "
-            "stops, where the mass matrix depends on the coordinates; "
-            f"got {len(rows)} that hold or stick"
-        )

@@ -241,13 +241,14 @@ class TaylorCourse(Position):
         automaton = self._automaton
         guard = automaton.guards[number]
         k = guard.element
-        if len(self._motion) > 1 and (guard.ambiguous or self._together(guard)):
+        opens, ambiguous = self._outcome(guard)
+        if len(self._motion) > 1 and (ambiguous or self._together(guard)):
             self._ambiguous = self.impacts if self._ambiguous < 0 else self._ambiguous
-        while guard.opens >= 0:  # what the impact pulls away from is released first
-            opened = automaton.guard(self._number, guard.opens)
-            self._change(opened, moved=BOUNCED)
+        while opens >= 0:  # what the impact pulls away from is released first
+            self._change(automaton.guard(self._number, opens), moved=BOUNCED)
             number = automaton.guard(self._number, k)
             guard = automaton.guards[number]
+            opens, _ = self._outcome(guard)
         if self._left != k:
             self._left = k
             if k not in self._chart.places:
@@ -313,13 +314,20 @@ class TaylorCourse(Position):
 
     def _together(self, guard: Any) -> bool:
         """Whether another stop, which an impact pushes or pulls, is reached, too."""
-        state = self._state()
+        state, where = self._state(), (self._bodies()[0], math.atan2(*self._turn))
         for i, (j, watch) in enumerate(self._mode.guards):
             if j != guard.element and watch.event == IMPACT:
                 value, band = self._mode.watched(i, state)
-                if value <= band and self._automaton.coupled(guard, j):
+                if value <= band and self._automaton.coupled(guard, j, *where):
                     return True
         return False
+
+    def _outcome(self, guard: Any) -> tuple[int, bool]:
+        """What an impact opens or moves, and whether it pushes against a closed stop."""
+        found: tuple[int, bool] = self._automaton.outcome(
+            guard, self._bodies()[0], math.atan2(*self._turn)
+        )
+        return found
 
     # --- what follows an event at once ------------------------------------------------------------
 
