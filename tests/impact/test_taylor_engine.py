@@ -520,12 +520,6 @@ def test_rest_on_a_preloaded_stop_is_that_of_the_exact_engine(load: float, dampi
     assert kinds[0] == kinds[1]
 
 
-def test_a_mass_matrix_that_varies_takes_one_stop() -> None:
-    stops = [HardStop(0, offset=-1.0), HardStop(1, offset=-1.0)]
-    with pytest.raises(ValueError, match="where the mass matrix depends on the coordinates; got 2"):
-        DoublePendulumAtAStop(frequency=1.0, elements=stops).simulate(impacts=1)
-
-
 def test_a_motion_that_runs_away_is_named() -> None:
     duffing = ImpactDuffing(frequency=1.0, cubic=-1.0, amplitude=0.0, offset=-9.0)
     with pytest.raises(Diverged, match="the motion runs away"):

@@ -48,6 +48,17 @@ class Bent(ImpactOscillator):
         return self.places(x)[-1]
 
 
+@dataclass(frozen=True, kw_only=True)
+class Leaning(Bent):
+    """The chain of three masses, of which only the first displacement is no coordinate."""
+
+    masses: int = 3
+
+    def places(self, q: Any) -> list[Any]:
+        first = q[0] + self.bend * q[0] ** 3 + self.bend * (q[1] + q[2]) ** 2
+        return [first, *q[1:]]
+
+
 def _springs(x: list[Any]) -> Any:
     return sum((b - a) ** 2 for a, b in zip([sp.Integer(0), *x], x, strict=False))
 

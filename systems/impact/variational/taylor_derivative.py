@@ -53,6 +53,10 @@ def followed(oscillator: DrivenStructure, run: Trajectory, lifted: Array) -> tup
             if final:
                 later = -ended
             else:
+                at_once = not oscillator._strobed and s.begin[i + 1] == s.begin[last]
+                if guard.watch.force and at_once:  # by the impact that follows
+                    side = run.final.element
+                    number = next(j for j, (k, _) in enumerate(mode.guards) if k == side)
                 row = gradient(mode, number, state)
                 later = -(row @ out) / float(row @ rate)
             out = out + np.outer(rate, later)
