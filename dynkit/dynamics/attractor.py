@@ -110,6 +110,11 @@ class Attractor(Tabled, ABC):
         """Return the label from at most this number of states besides the kept ones."""
         return self.label
 
+    @property
+    def _stays(self) -> bool:
+        """Whether a cheap test proves the motion to be on a stable orbit; by default none does."""
+        return False
+
     def _series(self) -> Series:
         """Return the motion as pages for the browser show it: one period where it has one."""
         n = self.label.iterates

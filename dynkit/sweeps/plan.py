@@ -93,13 +93,15 @@ class Plan:
     def following(self, system: Map, start: Any) -> tuple[Attractor, bool]:
         """Simulate and leave unstable orbits; return the motion, and whether it was displaced.
 
-        Only the kept states are examined. Where they recur, and the multipliers do not prove that
-        the orbit is stable, the last state is displaced and the motion simulated from there, until
-        disturbances of this size have had time to grow to the size of the motion. Where the
+        Only the kept states are examined. Where they recur, and neither norms nor multipliers prove
+        that the orbit is stable, the last state is displaced and the motion simulated from there,
+        until disturbances of this size have had time to grow to the size of the motion. Where the
         multipliers prove neither stability nor instability, and the displaced motion remains near
         the orbit, the orbit is not unstable: the motion before the displacement is returned.
         """
         motion = self.motion(system, start)
+        if motion._stays:
+            return motion, False
         label = motion.label_within(self.keep)
         if label.kind not in (OrbitKind.PERIODIC, OrbitKind.STICKING) or label.stable:
             return motion, False

@@ -27,7 +27,7 @@ from dynkit.systems.impact.records.viewing import PERIODS, series_of
 from dynkit.systems.impact.simulation.runs import course_from
 from dynkit.systems.impact.simulation.state import ImpactState
 from dynkit.systems.impact.simulation.trajectory import Ending, Trajectory
-from dynkit.systems.impact.variational.tangents import growth, returned
+from dynkit.systems.impact.variational.tangents import growth, returned, settles
 from dynkit.viewer.series import Series
 
 if TYPE_CHECKING:
@@ -153,6 +153,10 @@ class ImpactAttractor(Attractor):
         """Return the label decided from at most `budget` impacts besides the kept ones."""
         orbit, kept = _ImpactOrbit(self.record), max(len(self.record), 1)
         return orbit.named(label_orbit(orbit, kept=kept, budget=budget))
+
+    @property
+    def _stays(self) -> bool:
+        return settles(self._system, self.record._run)
 
     def settled_label(self, budget: int = 100_000) -> OrbitLabel:
         """Return the label of the motion after it has settled, even if a chaotic transient is long.

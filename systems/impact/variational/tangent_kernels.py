@@ -31,7 +31,7 @@ def _multiply(matrix: Array, frame: Array, scratch: Array) -> None:
 
 
 @kernel(reorder=True)
-def _fly(blocks: Array, step: int, frame: Array) -> None:
+def fly(blocks: Array, step: int, frame: Array) -> None:
     """The 2 by 2 blocks of a flight, one for each pair, times each row of the frame."""
     pairs = blocks.shape[2]
     for j in range(frame.shape[0]):
@@ -43,7 +43,7 @@ def _fly(blocks: Array, step: int, frame: Array) -> None:
 
 
 @kernel(reorder=True)
-def _jump(vectors: Array, bend: float, kick: float, push: float, frame: Array) -> None:
+def jump(vectors: Array, bend: float, kick: float, push: float, frame: Array) -> None:
     """Add the effect of an impact, b (bend c + kick c') + push A b c: see `stretch`."""
     n = frame.shape[1]
     for j in range(frame.shape[0]):
@@ -187,8 +187,8 @@ def stretch(
     for step in range(which.shape[0]):
         if which[step] >= 0:
             _multiply(dense[which[step]], frame, scratch)
-        _fly(blocks, step, frame)
-        _jump(vectors, jumps[step, 0], jumps[step, 1], jumps[step, 2], frame)
+        fly(blocks, step, frame)
+        jump(vectors, jumps[step, 0], jumps[step, 1], jumps[step, 2], frame)
         _orthonormalise(frame, lost[step], logs, step)
 
 
@@ -206,5 +206,5 @@ def carry(
     for step in range(which.shape[0]):
         if which[step] >= 0:
             _multiply(dense[which[step]], frame, scratch)
-        _fly(blocks, step, frame)
-        _jump(vectors, jumps[step, 0], jumps[step, 1], jumps[step, 2], frame)
+        fly(blocks, step, frame)
+        jump(vectors, jumps[step, 0], jumps[step, 1], jumps[step, 2], frame)

@@ -102,6 +102,38 @@ def returned(oscillator: DrivenStructure, run: Trajectory, impacts: Sequence[int
     return found
 
 
+def settles(oscillator: DrivenStructure, run: Trajectory) -> bool:
+    """Whether the impacts of a run recur, and norms prove that they are on a stable orbit.
+
+    False elsewhere, and without a hard stop alone whose restitution is a number, with contacts, and
+    with linked modes.
+    """
+    plain = oscillator._motion is None and oscillator._automaton.beside is None
+    if not plain or len(run.switches.time) or not oscillator.restitution > 0.0:
+        return False
+    motion, tables = free_motion(oscillator._contact), oscillator._automaton.tables
+    pairs, slots = motion.mode.pairs, motion.mode.layout.modes
+    if pairs.links.size:
+        return False
+    from dynkit.systems.impact.variational.stability_kernels import settled
+
+    n, log, bend = len(slots), run.log, tables.ladders.rows[0, 4:6]
+    proved: bool = settled(
+        log.time,
+        log.speed,
+        log.states,
+        2.0 * math.pi / oscillator.frequency,
+        pairs.generator[:4, slots],
+        bend,
+        float((bend * tables.kick[0, :2, : bend.shape[1]]).sum()),
+        oscillator.restitution,
+        motion.vectors,
+        np.empty((1, 4, n)),
+        np.stack([np.eye(2 * n)] * 2),
+    )
+    return proved
+
+
 def _follow(
     oscillator: DrivenStructure, start: ImpactState, frame: Array, logs: Array, times: Array
 ) -> ImpactState:
