@@ -7,7 +7,7 @@ import math
 from abc import abstractmethod
 from collections.abc import Mapping
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cache, cached_property
 from typing import TYPE_CHECKING, Any, Self
 
 import numpy as np
@@ -47,6 +47,11 @@ if TYPE_CHECKING:
     from dynkit.dynamics.attractor import Attractor
 
 TWO_PI = 2.0 * math.pi
+
+
+@cache
+def _arguments_of(kind: Any) -> tuple[str, ...]:
+    return tuple(entry.name for entry in dataclasses.fields(kind) if entry.init)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -129,7 +134,7 @@ class ImpactMap(DrivenStructure, Map):
 
     @property
     def _arguments(self) -> tuple[str, ...]:
-        return tuple(entry.name for entry in dataclasses.fields(self) if entry.init)
+        return _arguments_of(type(self))
 
     # --- states -----------------------------------------------------------------------------------
 

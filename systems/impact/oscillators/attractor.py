@@ -117,10 +117,11 @@ class ImpactAttractor(Attractor):
 
     @property
     def cost(self) -> Cost:
-        cost = self.record.cost
+        counts, seconds = self.record._run.counts, self.record._run.seconds
         if self._before is not None:
-            cost = ImpactRecord(self._system, self._before).cost + cost
-        return cost
+            seconds += self._before.seconds
+            counts = {name: n + counts[name] for name, n in self._before.counts.items()}
+        return Cost(seconds, counts)
 
     @cached_property
     def error(self) -> float:

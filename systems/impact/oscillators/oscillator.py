@@ -17,7 +17,7 @@ from dynkit.dynamics.attractor import Attractor
 from dynkit.dynamics.map import Arrivals
 from dynkit.systems.impact.impact_map import ImpactMap
 from dynkit.systems.impact.oscillators.attractor import ImpactAttractor
-from dynkit.systems.impact.records.record import ImpactRecord
+from dynkit.systems.impact.records.record import OF_IMPACTS, ImpactRecord
 from dynkit.systems.impact.simulation.state import (
     ImpactState,
 )
@@ -27,8 +27,6 @@ if TYPE_CHECKING:
 
     from dynkit.orbits.search import OrbitSearch
     from dynkit.systems.impact.orbits.orbit import ImpactOrbit
-
-_OF_IMPACTS = "relative_velocity", "phase", "energy", "time"
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -113,7 +111,7 @@ class ImpactOscillator(ImpactMap):
         """
         from dynkit.systems.impact.records.observables import names_along
 
-        own = super().observables if self._strobed else _OF_IMPACTS
+        own = super().observables if self._strobed else OF_IMPACTS
         return (*own, *(["element"] if self._several else []), *names_along(self))
 
     # --- simulation -------------------------------------------------------------------------------

@@ -46,6 +46,9 @@ if TYPE_CHECKING:
     from dynkit.systems.impact.records.second_moments import SecondMoments
 
 
+OF_IMPACTS = "relative_velocity", "phase", "energy", "time"
+"""Observables of records of impacts, besides those of elements."""
+
 # Number of twin runs for the error, and the factor by which their distance is multiplied.
 _TWINS, _SAFETY = 3, 4.0
 
@@ -303,14 +306,7 @@ class ImpactRecord(Result):
     @property
     def cost(self) -> Cost:
         """Seconds; counts of impacts, search cells, contacts, touches (impacts at double roots)."""
-        run = self._run
-        counts = {
-            "impacts": run.impacts,
-            "cells": run.cells,
-            "contacts": len(run.before),
-            "touches": run.touches,
-        }
-        return Cost(run.seconds, counts)
+        return Cost(self._run.seconds, self._run.counts)
 
     @cached_property
     def error(self) -> Array:
@@ -433,15 +429,15 @@ class ImpactRecord(Result):
         >>> record.observable("floor.impulse")[:2].round(12)  # it hits at 1.5, leaves at 0.75
         array([4.5 , 2.25])
         """
+        if times is None and name in OF_IMPACTS and not self.system._strobed:
+            return np.asarray(getattr(self, name))
         from dynkit.systems.impact.records.observables import along_at, along_impacts
 
         if times is not None:
             return along_at(self.system, self._run, name, self._within(times))
         if "." in one_of("name", name, self.system.observables):
             return along_impacts(self.system, self._run, name)
-        if self.system._strobed:
-            return self.states[:, self.system.observables.index(name)]
-        return np.asarray(getattr(self, name))
+        return self.states[:, self.system.observables.index(name)]
 
     def _within(self, times: object) -> Array:
         """Times (k,) within what was simulated."""

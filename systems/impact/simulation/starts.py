@@ -12,6 +12,7 @@ from dynkit.core.no_motion import Refused
 from dynkit.core.validation import Array, finite_array, finite_scalar
 from dynkit.systems.impact.modes.curves import CurvedContact
 from dynkit.systems.impact.simulation.state import (
+    LARGE,
     TOUCHED,
     ImpactState,
     Motion,
@@ -21,6 +22,7 @@ from dynkit.systems.impact.simulation.state import (
     placed,
     put_on,
     state_at,
+    state_of,
     sticking,
     touched,
     unlike,
@@ -219,6 +221,8 @@ def entered(oscillator: DrivenStructure, start: ImpactState) -> ImpactState:
     """
     if start._system is oscillator or start._system == oscillator:
         return start
+    if (moved := _put_on_another(oscillator, start)) is not None:
+        return moved
     n, turn, u, stands = oscillator.degrees_of_freedom, start._turn, start.speed, oscillator._stops
     if start.position.shape != (n,):
         raise ValueError(f"start must have {n} masses; got {start.position.size}")
@@ -246,3 +250,25 @@ def entered(oscillator: DrivenStructure, start: ImpactState) -> ImpactState:
     v = beside(oscillator, v)
     # Where the table released it under other parameters, its contact force is not zero here.
     return state_at(oscillator, x, v, turn, u, start.element, Motion.TABLE, tuple(closed))
+
+
+def _put_on_another(oscillator: DrivenStructure, start: ImpactState) -> ImpactState | None:
+    """The state on this oscillator's table, where only another table moved the same structure.
+
+    The bits are those of `entered`. None elsewhere, and for coordinates so large that positions
+    might be infinite.
+    """
+    q, turn, both = start._coordinates, start._turn, (oscillator, start._system)
+    smooth = any(one._motion is not None for one in both)
+    if start.motion is Motion.FLIGHT or start.closed or smooth:
+        return None
+    own, other = (one._free.forced for one in both)
+    alone = all(one._automaton.beside is None for one in both)
+    if not alone or own.basis is not other.basis or not (own.still and other.still):
+        return None
+    x, v = own.basis.positions(q) + 0.0, own.basis.velocities(q) + 0.0
+    put_on(oscillator, 0, (), (x, v), turn[0], turn[1], start.speed)
+    q = own.basis.coordinates(x, v)
+    if not np.vdot(q, q) < LARGE**2:
+        return None
+    return state_of(oscillator, q, turn, start.speed, 0, Motion.TABLE)

@@ -22,8 +22,8 @@ if TYPE_CHECKING:
 
 TWO_PI = 2.0 * math.pi
 
-# Coordinates below this make no infinite positions.
-_LARGE = 1e100
+LARGE = 1e100
+"""Coordinates below this make no infinite positions."""
 
 
 class Motion(Enum):
@@ -128,7 +128,7 @@ def state_of(
     q.setflags(write=False)
     turn.setflags(write=False)
     state = ImpactState(float(speed), element, motion, closed, oscillator, q, turn)
-    if not np.vdot(q, q) < _LARGE**2:
+    if not np.vdot(q, q) < LARGE**2:
         _ = state.position
     return state
 

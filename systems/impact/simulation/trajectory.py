@@ -239,6 +239,13 @@ class Trajectory:
         """The same trajectory with another log of impacts."""
         return replace(self, log=log, impacts=len(log.time))
 
+    @property
+    def counts(self) -> dict[str, int]:
+        """Numbers of impacts, search cells, contacts, and touches (impacts at double roots)."""
+        contacts = len(self.before) if len(self.switches.time) else 0
+        own = {"impacts": self.impacts, "cells": self.cells}
+        return own | {"contacts": contacts, "touches": self.touches}
+
     # --- impacts (n,) -----------------------------------------------------------------------------
 
     @property
