@@ -193,8 +193,8 @@ class _Decay:
     count: int
     rate: float = 0.0
     error: float = np.inf
-    bend: float = np.inf  # difference of the rates of both halves, beyond three standard errors
     rest: float = np.inf  # sum of the geometric series after the last distance
+    logs: Any = ()
 
     @classmethod
     def of(cls, steps: Array) -> "_Decay":
@@ -206,17 +206,18 @@ class _Decay:
         if len(logs) < _FIT:
             return cls(len(logs))
         rate, error = _rate(logs)
-        half = len(logs) // 2
-        early, early_error = _rate(logs[:half])
-        late, late_error = _rate(logs[half:])
-        bend = abs(early - late) - 3.0 * float(np.hypot(early_error, late_error))
         rest = float(last / np.expm1(rate)) if rate > 0.0 else np.inf
-        return cls(len(logs), rate, error, bend, rest)
+        return cls(len(logs), rate, error, rest, logs)
 
-    @property
+    @cached_property
     def geometric(self) -> bool:
         """Whether the ratio is below 1 by five standard errors, and equal in both halves."""
-        return self.rate > 5.0 * self.error and self.bend <= 0.2 * self.rate
+        if not self.rate > 5.0 * self.error:
+            return False
+        early, early_error = _rate(self.logs[: self.count // 2])
+        late, late_error = _rate(self.logs[self.count // 2 :])
+        bend = abs(early - late) - 3.0 * float(np.hypot(early_error, late_error))
+        return bend <= 0.2 * self.rate
 
     @property
     def settles(self) -> bool:

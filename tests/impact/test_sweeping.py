@@ -5,11 +5,12 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from dynkit.core.validation import Array
 from dynkit.systems import ImpactChain, SingleImpactOscillator
 from dynkit.systems.impact.oscillators.oscillator import ImpactOscillator
 from dynkit.systems.impact.simulation import starts
 from dynkit.systems.impact.simulation.state import ImpactState
-from dynkit.systems.impact.variational.tangents import settles
+from dynkit.systems.impact.variational.tangents import returned, settles
 
 
 def test_what_norms_prove_stable_is_stable() -> None:
@@ -49,18 +50,18 @@ def bits(state: ImpactState) -> tuple[object, ...]:
     return (*(array.tobytes() for array in arrays), *numbers)
 
 
-@pytest.mark.parametrize(
-    "machine",
-    [
-        ImpactChain(frequency=0.87),
-        ImpactChain(masses=4, contact=1, side="below", frequency=0.9),
-        ImpactChain(masses=3, frequency=0.8, damping=(0.1, 0.2, 0.4)),
-        ImpactChain(masses=2, frequency=0.8, constant_forces=[0.0, -0.1]),
-        ImpactChain(masses=2, frequency=0.8, damping=3.0),
-        SingleImpactOscillator(frequency=2.2, restitution=0.8),
-        ImpactChain(masses=2, frequency=0.4, restitution=0.2),  # it sticks
-    ],
-)
+MACHINES = [
+    ImpactChain(frequency=0.87),
+    ImpactChain(masses=4, contact=1, side="below", frequency=0.9),
+    ImpactChain(masses=3, frequency=0.8, damping=(0.1, 0.2, 0.4)),
+    ImpactChain(masses=2, frequency=0.8, constant_forces=[0.0, -0.1]),
+    ImpactChain(masses=2, frequency=0.8, damping=3.0),
+    SingleImpactOscillator(frequency=2.2, restitution=0.8),
+    ImpactChain(masses=2, frequency=0.4, restitution=0.2),  # it sticks
+]
+
+
+@pytest.mark.parametrize("machine", MACHINES)
 @pytest.mark.parametrize("change", [{"frequency": 0.71}, {"restitution": 0.6}])
 def test_a_state_put_onto_another_table_has_the_bits_of_any_state(
     machine: ImpactOscillator, change: dict[str, float], monkeypatch: pytest.MonkeyPatch
@@ -72,3 +73,23 @@ def test_a_state_put_onto_another_table_has_the_bits_of_any_state(
         with monkeypatch.context() as patch:
             patch.setattr(starts, "_put_on_another", lambda *_: None)
             assert bits(found) == bits(starts.entered(other, final))
+
+
+@pytest.mark.parametrize("machine", MACHINES)
+def test_section_coordinates_have_the_bits_of_positions_and_velocities(
+    machine: ImpactOscillator,
+) -> None:
+    record = machine.simulate(impacts=50)
+    others = machine._contacts[0].others
+    parts = record.position[:, others], record.velocity[:, others]
+    expected: Array = np.column_stack([*parts, record.relative_velocity])
+    assert np.array_equal(record._without_phase, expected)
+
+
+@pytest.mark.parametrize("machine", MACHINES)
+def test_derivatives_over_the_last_periods_are_those_of_the_whole_run(
+    machine: ImpactOscillator,
+) -> None:
+    run = machine.simulate(impacts=40)._run
+    found = returned(machine, run, [33, 36, 39])
+    assert np.array_equal(found, returned(machine, run, [0, 33, 36, 39])[1:])

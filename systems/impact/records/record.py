@@ -252,6 +252,12 @@ class ImpactRecord(Result):
             own = self.position[:, positions], self.velocity[:, velocities], self.sliders
             return np.concatenate(own, axis=1)
         others = np.array(self.system._others)
+        if self.system._motion is None and self.system._automaton.beside is None:
+            forced = self.system._free.forced  # of a stop alone, what is put on it is left out
+            x, v = (of(*self._run.coordinates) for of in (forced.positions, forced.velocities))
+            return np.concatenate(
+                [x[:, others[0]], v[:, others[0]], self.relative_velocity[:, None]], axis=1
+            )
         if not self.system._several:
             kept: Any = np.s_[:, others[0]]
         else:

@@ -90,6 +90,10 @@ def returned(oscillator: DrivenStructure, run: Trajectory, impacts: Sequence[int
     """
     from dynkit.systems.impact.variational.tangent_kernels import carry
 
+    alone = oscillator._automaton.beside is None
+    if impacts[0] and alone and not len(run.switches.time):
+        run = run.part(impacts[0], impacts[-1] + 1)  # nothing before it matters
+        impacts = [k - impacts[0] for k in impacts]
     steps, d = steps_of(oscillator, run, impacts[0] + 1), oscillator.dimension
     first = np.append(steps.first, len(steps.which))
     found = np.empty((len(impacts) - 1, d, d))
@@ -185,6 +189,11 @@ def steps_of(oscillator: DrivenStructure, run: Trajectory, begin: int = 0) -> St
     flights, held = run.durations
     jumps, lost = _jumps(oscillator, run)
 
+    if not len(held) and flights.max(initial=0.0) * motion.spread <= SPREAD:
+        now, each = slice(begin, None), np.arange(run.impacts - begin)
+        dense = np.empty((0, oscillator.dimension, oscillator.dimension))
+        flown = _flights(motion, flights[now], np.full(len(each), -1), dense)
+        return Steps(*flown, motion.vectors, jumps[now], lost[now], each)
     parts, stuck_parts = (
         np.maximum(np.ceil(part * (motion.spread / SPREAD)), 1.0).astype(np.intp)
         for part in (flights, held)
