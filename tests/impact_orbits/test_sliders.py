@@ -216,8 +216,9 @@ def test_borders_of_orbits_that_are_no_motions_lead_nowhere() -> None:
     machine = ONE.replace(
         damping=0.0, elements=[Jenkins(0, stiffness=2.0, force=0.3, velocity=0.05, name="joint")]
     )
-    branch = continue_orbit(orbit_of(machine), "frequency", bounds=(0.3, 0.8))
+    branch = continue_orbit(orbit_of(machine), "frequency", bounds=(0.3, 0.8), points=240)
     assert not branch.admissible.all()
+    assert len(branch.bifurcations) == 8
     for found in branch.bifurcations:
         assert all(isinstance(orbit, ImpactOrbit) for orbit in found.switch())
 

@@ -5,6 +5,7 @@ from itertools import combinations
 from operator import mul
 from typing import Any
 
+import numpy as np
 from flint import arb, arb_mat, ctx
 from mpmath import mp
 from mpmath.libmp import from_man_exp, to_fixed
@@ -17,6 +18,9 @@ from tests.reference.friction import BACKWARD, FORWARD, STICK, Cushion, Gap, Joi
 DIGITS = 40
 BITS = 256
 """Binary places of the integers by which states and rows are multiplied: 77 digits."""
+
+GLANCE = 64
+"""Steps for which doubles look ahead."""
 
 TINY = 10.0 ** -(DIGITS - 12)
 """Rates, impulses and forces up to this are zero."""
@@ -79,7 +83,8 @@ class SoftStopReference:
                 self.free[n + i, 2 * n + 2] = chain.constant_forces[i] / mass
         self.free[2 * n, 2 * n + 1], self.free[2 * n + 1, 2 * n] = w, -w
         self.known: dict[Any, Any] = {}
-        self.steps: dict[Any, Any] = {}
+        self.powers: dict[Any, list[list[list[int]]]] = {}
+        self.glances: dict[Any, tuple[Array, Array]] = {}
         self.rates: dict[Any, Any] = {}
         self.rows: dict[Any, list[tuple[list[int], int, int, int]]] = {}
         self.regimes: list[int] = []
@@ -172,13 +177,39 @@ class SoftStopReference:
             elif rub.stop is not None and self.ways[k] == REST:
                 self.ways[k] = self.way(rub, z)
 
-    def stepped(self, z: Any, held: tuple[int, ...]) -> Any:
-        """The state a step later, where nothing happens."""
-        key = self.key(held)
-        if key not in self.steps:
-            self.steps[key] = exponential((self.flow(held)[0] * self.step).tolist())
-        here = fixed(z)
-        return mp.matrix([product(row, here) for row in self.steps[key]])
+    def moved(self, state: list[int], key: tuple[Any, ...], steps: int) -> list[int]:
+        """The state after so many steps in which nothing happens, as integers."""
+        if key not in self.powers:
+            self.powers[key] = [exponential((self.known[key][0] * self.step).tolist())]
+        powers = self.powers[key]
+        for k in range(steps.bit_length()):
+            if k == len(powers):
+                columns = list(zip(*powers[-1], strict=True))
+                powers.append(
+                    [[sum(map(mul, row, c)) >> BITS for c in columns] for row in powers[-1]]
+                )
+            if steps >> k & 1:
+                state = [sum(map(mul, row, state)) >> BITS for row in powers[k]]
+        return state
+
+    def quiet(self, z: Any, held: tuple[int, ...]) -> int:
+        """Steps after each of which doubles, with a margin for rounding, see nothing happen."""
+        if self.lain(z, held) != sorted(held):
+            return 0
+        key, state = self.key(held), fixed(z)
+        if key not in self.glances:
+            self.moved(state, key, 1)
+            once = as_floats(self.powers[key][0])
+            rows = [as_floats([row for row, *_ in self.watched(z, held)])]
+            sizes = [abs(rows[0])]
+            for _ in range(GLANCE):
+                rows.append(rows[-1] @ once)
+                sizes.append(sizes[-1] @ abs(once))
+            self.glances[key] = np.array(rows[1:]), np.array(sizes[1:])
+        rows, sizes = self.glances[key]
+        here = as_floats(state)
+        sure = (rows @ here > 1e-12 * (sizes @ abs(here))).all(axis=1)
+        return GLANCE if sure.all() else int(sure.argmin())
 
     def series(self, z: Any, held: tuple[int, ...], step: Any) -> list[list[int]]:
         """Taylor's series of the motion, as integers, as long as it counts within a step."""
@@ -234,10 +265,11 @@ class SoftStopReference:
 
     def lain(self, z: Any, held: Sequence[int]) -> list[int]:
         """Stops that are closed, or at which friction holds what they stop."""
+        if not (self.lying and self.stuck()):
+            return sorted(held)
         here = fixed(z)
         sizes = [sum(abs(product(row, here)) for row in rows) for rows in self.lying]
-        still = [k for k, size in enumerate(sizes) if size <= TINY]
-        return sorted({*held, *(still if self.stuck() else ())})
+        return sorted({*held, *(k for k, size in enumerate(sizes) if size <= TINY)})
 
     def settle(self, z: Any) -> None:
         """Regimes of soft stops of which nothing watched is negative."""
@@ -412,8 +444,16 @@ class SoftStopReference:
             before, due = list(self.ways), (len(found) + 1) * period
             step = min(self.step, due - time)
             whole = step == self.step
-            there = self.stepped(z, held) if whole else after(self.series(z, held, step), step)
-            end = fixed(there)
+            if steps := min(self.quiet(z, held), int(min((due - time) / self.step, GLANCE))):
+                there = self.moved(fixed(z), self.key(held), steps)
+                z, time = mp.matrix(list(map(number, there))), time + steps * self.step
+                continue
+            if whole:
+                end = self.moved(fixed(z), self.key(held), 1)
+                there = mp.matrix(list(map(number, end)))
+            else:
+                there = after(self.series(z, held, step), step)
+                end = fixed(there)
             ahead = [
                 event
                 for event in self.watched(z, held)
@@ -464,6 +504,12 @@ class SoftStopReference:
 def fixed(numbers: Iterable[Any]) -> list[int]:
     """Numbers as integers, in units of 2^-BITS."""
     return [to_fixed(number._mpf_, BITS) for number in numbers]
+
+
+def as_floats(integers: Any) -> Array:
+    """Integers in units of 2^-BITS, as doubles."""
+    found: Array = np.array(integers, dtype=object).astype(float) * 2.0**-BITS
+    return found
 
 
 def number(integer: int) -> Any:

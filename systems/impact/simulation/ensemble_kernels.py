@@ -128,6 +128,7 @@ def arrive(
     The number of the next member.
     """
     spent = 0.0
+    stride = STRIDE + (most - most)  # not a literal: `run` would be compiled once more
     for i in range(first, members.number.shape[0]):
         clock[:] = 0.0
         clock[LEFT_FROM] = clock[AMBIGUOUS] = -1.0
@@ -139,7 +140,7 @@ def arrive(
         for part in range(2):
             for slot in range(members.states.shape[2]):
                 work.states[START, part, slot] = members.states[i, part, slot]
-        wanted, at = STRIDE, -1
+        wanted, at = stride, -1
         while clock[IMPACTS] + wanted <= most and clock[CELLS] < pause:
             done, ending = run(
                 tables,
@@ -173,7 +174,7 @@ def arrive(
                         members.last.states[i, part, slot] = impacts.states[last, part, slot]
                 break
             at = near_orbit(orbits, impacts, last, near, 0, orbits.guard.shape[0])
-            wanted = STRIDE if at < 0 else orbits.period[at]
+            wanted = stride if at < 0 else orbits.period[at]
         members.counts[i, 0] = int(clock[IMPACTS])
         members.counts[i, 1] = int(clock[CELLS])
         members.counts[i, 3] = int(clock[TOUCHES])
