@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+from bisect import bisect_left
 from collections.abc import Sequence
 from copy import copy
 from dataclasses import dataclass, replace
 from functools import partial
+from itertools import takewhile
+from operator import attrgetter
 from threading import RLock
 from typing import Any, NamedTuple, final
 
@@ -195,8 +198,9 @@ class Automaton:
 
     def guard(self, mode: int, element: int) -> int:
         """Number of the first guard of an element in a mode, or else of the mode."""
-        own = [k for k, g in enumerate(self.guards) if g.mode == mode]
-        return next((k for k in own if self.guards[k].element == element), own[0])
+        first = bisect_left(self.guards, mode, key=attrgetter("mode"))
+        own = takewhile(lambda k: self.guards[k].mode == mode, range(first, len(self.guards)))
+        return next((k for k in own if self.guards[k].element == element), first)
 
     def held(self, element: int) -> Grip:
         """Contact with one element while all others are in their first regime."""

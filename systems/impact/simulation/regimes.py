@@ -161,7 +161,7 @@ class Parts:
         def kind(guard: Any) -> EventKind:
             if guard.watch.event == IMPACT:
                 return EventKind.CONTACT
-            now = self.now(modes[guard.mode])[guard.element]
+            now = self._regimes[guard.element][modes[guard.mode][guard.element]]
             released = now.holds and self.hard(guard.element)
             return EventKind.RELEASE if released else EventKind.SWITCH
 
