@@ -421,12 +421,10 @@ class SoftStopReference:
         """The end of so many periods of what drives a chain without hard stops, and states then."""
         return self.motion(start, count, (), 2 * mp.pi / self.frequency)
 
-    def motion(
-        self, start: Array, count: int, closed: tuple[int, ...], period: Any
-    ) -> list[tuple[Any, Any]]:
-        """Times of so many impacts, or periods, and states just after them."""
+    def started(self, start: Array) -> Any:
+        """The state at the start of another motion, whose regimes begin."""
         n = 2 * self.size
-        z, time = mp.matrix([*start[:n].tolist(), 0, 1, 1, *start[n:].tolist()]), mp.mpf(0)
+        z = mp.matrix([*start[:n].tolist(), 0, 1, 1, *start[n:].tolist()])
         self.clear()
         self.sliding = [STICK] * len(self.joints)
         for joint in self.joints:  # a start is rounded: what slides does
@@ -435,6 +433,13 @@ class SoftStopReference:
         self.regimes, self.ways = [0] * len(self.cushions), [self.way(rub, z) for rub in self.rubs]
         self.settle(z)
         self.begin(z)
+        return z
+
+    def motion(
+        self, start: Array, count: int, closed: tuple[int, ...], period: Any
+    ) -> list[tuple[Any, Any]]:
+        """Times of so many impacts, or periods, and states just after them."""
+        z, time = self.started(start), mp.mpf(0)
         held, before = self.decide(z, closed), [STICK] * len(self.rubs)
         self.follow(z, held, time)
         found: list[tuple[Any, Any]] = []
