@@ -143,8 +143,8 @@ def strike(vectors: Array, sides: Indices, jumps: Array, frames: Array) -> None:
         (n, k, 2N) modified in place.
     """
     for step in range(sides.shape[0]):
-        own, jump = vectors[sides[step]], jumps[step]
-        _jump(own, jump[0], jump[1], jump[1], frames[step])
+        bend, kick = jumps[step]
+        jump(vectors[sides[step]], bend, kick, kick, frames[step])
 
 
 @kernel(entry=True)
