@@ -34,17 +34,15 @@ APART = 1e-6
 
 def has_table_alone(oscillator: ImpactMap) -> None:
     """Raise NotImplementedError where other elements than a table act, or energies are smooth."""
-    if oscillator._motion is not None:
-        raise NotImplementedError(
-            "orbits from phases need quadratic energies, and those of this structure are not: "
-            "find_orbits() searches, periodic_orbit(start=...) and attractor.periodic_orbit() find "
-            "those near a motion"
-        )
-    for element in oscillator._own:
-        raise NotImplementedError(
-            f"these orbits are those of a table of one coordinate, alone; got {element!r}: "
-            "periodic_orbit(start=...) and attractor.periodic_orbit() find those near a motion"
-        )
+    if oscillator._table_alone:
+        return
+    other = oscillator._own or oscillator.elements
+    got = repr(other[0]) if other else f"engine {oscillator.engine}"
+    raise NotImplementedError(
+        "orbits from phases are those of quadratic energies and a table of one coordinate, alone; "
+        f"got {got}: find_orbits() searches, and periodic_orbit(start=...) and "
+        "attractor.periodic_orbit() find those near a motion"
+    )
 
 
 class ImpactProblem(PeriodicProblem, WatchedProblem):
