@@ -152,7 +152,9 @@ def test_what_is_measured_without_impacts() -> None:
 def test_a_branch_of_bilinear_orbits_passes_its_folds() -> None:
     machine = BILINEAR.replace(frequency=1.6)
     orbit = dynkit.periodic_orbit(machine, machine.attractor().states[-1], period=1)
-    branch = dynkit.continue_orbit(orbit, "frequency", bounds=(1.0, 2.0))
+    branch = dynkit.continue_orbit(
+        orbit, "frequency", bounds=(1.0, 2.0), step=0.05, largest_step=0.2
+    )
     assert min(branch.parameter) == pytest.approx(1.0, abs=1e-9)
     assert max(branch.parameter) == pytest.approx(2.0, abs=1e-9)
 

@@ -149,14 +149,14 @@ def test_where_an_impact_begins_to_stop_the_slip_another_orbit_begins() -> None:
     # just after the impact the ball is as fast as the belt
     orbit = bounced(9.0).attractor(transient=1000, impacts=10).periodic_orbit()
     _, v = kicked(9.0)
-    branch = continue_orbit(orbit, "belt.velocity", bounds=(0.5 * v, 9.0))
+    branch = continue_orbit(orbit, "belt.velocity", bounds=(0.5 * v, 9.0), largest_step=0.2)
     (found,) = branch.bifurcations
     assert str(found.kind) == "GR"
     assert "stick at impact" in found.touching
     assert abs(found.value - v) <= found.error < 1e-10
     assert (branch.admissible == (branch.parameter > v)).all()
     (other,) = found.switch()
-    beyond = continue_orbit(other, "belt.velocity", bounds=(0.5 * v, 1.5 * v))
+    beyond = continue_orbit(other, "belt.velocity", bounds=(0.5 * v, 1.5 * v), largest_step=0.2)
     (back,) = beyond.bifurcations
     assert abs(back.value - v) <= back.error
     assert (beyond.admissible == (beyond.parameter < v))[abs(beyond.parameter - v) > 1e-9].all()

@@ -200,12 +200,12 @@ class SoftStopReference:
         if key not in self.glances:
             self.moved(state, key, 1)
             once = as_floats(self.powers[key][0])
-            now = [as_floats([row for row, *_ in self.watched(z, held)])]
-            sizes_now = [abs(now[0])]
+            ahead = [as_floats([row for row, *_ in self.watched(z, held)])]
+            most = [abs(ahead[0])]
             for _ in range(GLANCE):
-                now.append(now[-1] @ once)
-                sizes_now.append(sizes_now[-1] @ abs(once))
-            self.glances[key] = np.array(now[1:]), np.array(sizes_now[1:])
+                ahead.append(ahead[-1] @ once)
+                most.append(most[-1] @ abs(once))
+            self.glances[key] = np.array(ahead[1:]), np.array(most[1:])
         rows, sizes = self.glances[key]
         here = as_floats(state)
         sure = (rows @ here > 1e-12 * (sizes @ abs(here))).all(axis=1)
