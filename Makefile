@@ -15,8 +15,8 @@ GENERIC := NUMBA_CPU_NAME=generic OPENBLAS_CORETYPE=Nehalem NPY_DISABLE_CPU_FEAT
 	GLIBC_TUNABLES=glibc.cpu.hwcaps=-AVX2,-FMA OMP_NUM_THREADS=1
 UNFUSED := NUMBA_CPU_NAME=generic NUMBA_CPU_FEATURES=+avx,+avx2 OPENBLAS_CORETYPE=Sandybridge OMP_NUM_THREADS=1
 HASWELL := NUMBA_CPU_NAME=haswell NUMBA_CPU_FEATURES= OPENBLAS_CORETYPE=Haswell NPY_DISABLE_CPU_FEATURES=X86_V4 OMP_NUM_THREADS=2
-# What computes no numbers of its own is the same on all processors: files, figures, pages, commands, checks of
-# the sources, other processes. Notebooks and pages print numbers to fewer digits than the tests of them compare.
+# What is tested here does not depend on the processor: files, figures, pages, commands, checks of the sources, other
+# processes. Only the numbers that notebooks and pages print may: test-processors runs these too.
 SAME_EVERYWHERE := $(addprefix --ignore=,tutorials $(addprefix tests/,cli data plotting project scaling tutorials viewer))
 PYTEST := $(BIN)/python -m pytest --numprocesses auto --dist worksteal
 
