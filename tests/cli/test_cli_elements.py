@@ -83,9 +83,9 @@ def test_an_orbit_of_the_machine_is_followed(capsys: pytest.CaptureFixture[str])
 
 def test_an_orbit_that_is_not_found_takes_one_line(capsys: pytest.CaptureFixture[str]) -> None:
     bounds = ["--from", "0.85", "--to", "0.95", "--impacts", "3"]
-    assert main(["continue", "machine.toml", *bounds]) == 1
+    assert main(["continue", "machine.toml", *bounds]) == 2
     shown = capsys.readouterr().err
-    assert shown.startswith("dynkit continue: no orbit P(3,1) was found for ImpactChain(")
+    assert shown.startswith("dynkit continue: error: no orbit P(3,1) was found for ImpactChain(")
     assert shown.count("\n") == 1
 
 
