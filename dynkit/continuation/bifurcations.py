@@ -22,6 +22,8 @@ from dynkit.orbits.kinds import BifurcationKind
 
 _Known = TypeVar("_Known")
 _TURNING = BifurcationKind.NS, BifurcationKind.RS
+# A bifurcation that is nearer to a point, in steps, is at the point.
+_AT_POINT = 1e-6
 
 
 def given(part: _Known | None, owner: str = "Branch") -> _Known:
@@ -33,7 +35,8 @@ def given(part: _Known | None, owner: str = "Branch") -> _Known:
 
 def borders_a_motion(admissible: NDArray[np.bool_], place: float) -> bool:
     """Whether the orbit of a point next to a place on a branch is a motion of the system."""
-    before, after = math.ceil(place) - 1, math.floor(place) + 1
+    # where a point is on the border itself, its neighbours on both sides
+    before, after = math.ceil(place - _AT_POINT) - 1, math.floor(place + _AT_POINT) + 1
     return bool(admissible[np.clip(before, 0, len(admissible) - 1) : after + 1].any())
 
 

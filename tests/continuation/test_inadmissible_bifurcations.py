@@ -9,6 +9,7 @@ import pytest
 from matplotlib.figure import Figure
 
 from dynkit import Branch, continue_orbit
+from dynkit.continuation.bifurcations import borders_a_motion
 from dynkit.continuation.network import Finish, Network
 from dynkit.core.cost import Cost
 from dynkit.systems import ImpactChain
@@ -19,6 +20,14 @@ def chain() -> Branch:
     """P(1,3), on both sides of where it grazes the table between impacts."""
     orbit = ImpactChain(frequency=0.87).periodic_orbit(periods=3)
     return continue_orbit(orbit, "frequency", bounds=(0.75, 1.05))
+
+
+@pytest.mark.parametrize("off", [0.0, 1e-9, -1e-9])
+def test_a_border_at_a_point_has_the_neighbours_of_that_point(off: float) -> None:
+    # rounding decides whether the orbit on the border is a motion
+    for motions in ([True, False, False], [False, False, True]):
+        assert borders_a_motion(np.array(motions), 1.0 + off)
+    assert not borders_a_motion(np.array([True, False, False, False, True]), 2.0 + off)
 
 
 def test_a_bifurcation_is_admissible_just_where_its_orbit_is_a_motion(chain: Branch) -> None:
