@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 from dynkit.core.jit import kernel
 from dynkit.core.validation import Array
 
@@ -61,7 +63,7 @@ def _logarithmic_derivative(
 
 @kernel()
 def _trace_of_quotient(work: Array, rank: int) -> complex:
-    """Trace of K^-1 K', by elimination in place."""
+    """Trace of K^-1 K', by elimination in place; infinite where K is singular, at an eigenvalue."""
     for k in range(rank):
         pivot = k
         for i in range(k + 1, rank):
@@ -70,6 +72,8 @@ def _trace_of_quotient(work: Array, rank: int) -> complex:
         for j in range(rank):
             work[0, k, j], work[0, pivot, j] = work[0, pivot, j], work[0, k, j]
             work[1, k, j], work[1, pivot, j] = work[1, pivot, j], work[1, k, j]
+        if work[0, k, k] == 0.0:
+            return complex(math.inf, 0.0)
         for i in range(rank):
             if i != k:
                 factor = work[0, i, k] / work[0, k, k]
