@@ -54,7 +54,7 @@ def check_curved(owner: object, elements: tuple[Element, ...]) -> None:
     ValueError
         When the oscillator has no method of this name.
     NotImplementedError
-        When the element is no hard stop, or other elements hold or stick.
+        When the element is no hard stop.
     """
     for k, element in enumerate(elements):
         if not element.curved:
@@ -64,11 +64,10 @@ def check_curved(owner: object, elements: tuple[Element, ...]) -> None:
                 f"elements[{k}].coordinate must be the name of a method of the oscillator; "
                 f"got {element.coordinate!r}"
             )
-        rigid = [e for e in elements if any(r.holds or r.sticks for r in e.regimes)]
-        if not isinstance(element, HardStop) or len(rigid) > 1:
+        if not isinstance(element, HardStop):
             raise NotImplementedError(
-                f"elements[{k}], which acts along a function of the coordinates, must be the only "
-                f"hard stop, beside soft stops without preload; got {element!r}"
+                f"elements[{k}], which acts along a function of the coordinates, must be a hard "
+                f"stop; got {element!r}"
             )
 
 

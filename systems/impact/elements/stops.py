@@ -17,7 +17,7 @@ class HardStop(Element):
 
     For a pair (i, j) of coordinates, two masses hit each other where x_j - x_i reaches the offset.
     For the name of a method, ``HardStop("height")``, y is the smooth function of the coordinates
-    that the method returns. Such a stop is the only hard one, beside soft stops without preload.
+    that the method returns.
 
     Parameters
     ----------

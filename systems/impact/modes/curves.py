@@ -15,17 +15,37 @@ _STEPS, _ROUNDING = 50, 2.0**-44
 
 
 @final
+class Along:
+    """The linear function y = J x, beside those of curved stops."""
+
+    def __init__(self, row: Array) -> None:
+        self.row = row
+
+    def __call__(self, x: Array) -> Any:
+        """Values (...) at positions (..., N)."""
+        return x @ self.row
+
+    def gradient(self, x: Array) -> Array:
+        """Gradients (..., N) at positions (..., N)."""
+        return np.broadcast_to(self.row, x.shape)
+
+    def bend(self, x: Array, v: Array) -> Array:  # noqa: ARG002
+        """Second derivatives times velocities, which are zero."""
+        return np.zeros(x.shape)
+
+
+@final
 class CurvedContact:
     """A function y(x) of coordinates along which a stop acts.
 
     Attributes
     ----------
-    function : CoordinateFunction
+    function : CoordinateFunction or Along
     others : (N,)
         Numbers of the coordinates that sections keep: all of them.
     """
 
-    def __init__(self, function: CoordinateFunction, size: int) -> None:
+    def __init__(self, function: CoordinateFunction | Along, size: int) -> None:
         self.function, self.others = function, np.arange(size)
 
     def put_both(self, x: Array, v: Array, place: Any, speed: Any) -> None:
@@ -67,6 +87,12 @@ class CurvedContact:
                 break
             x += way * (off / slope)
         raise Refused(f"the stop at {place} is not reached from {start.tolist()}")
+
+    @property
+    def row(self) -> Array:
+        """Row (N,) of a linear function."""
+        assert isinstance(self.function, Along)
+        return self.function.row
 
     def lifted(self, x: Array, v: Array, changes: Any) -> tuple[Array, Array]:
         """Changes (d, N) of positions and velocities that are put there, which lie there already.

@@ -214,9 +214,14 @@ def jumps(system: ImpactMap, run: Trajectory) -> Jumps:
         held = [k for k in parts.grips(run.regimes[number])[0] if k != element]
         held += [k for k, stop in parts.normal.items() if stop == element]
         stops = [system._elements[k] for k in (element, *held)]
-        if element in system._curves:
-            along = stops[0].sign * system._curves[element].gradient(place[here])
-            impulse[here, element] = (along * momentum[here]).sum(axis=1) / (along**2).sum(axis=1)
+        if system._curves:
+            signs = np.array([stop.sign for stop in stops])[:, None]
+            for i in np.flatnonzero(here).tolist():
+                along = (
+                    signs
+                    * system._automaton.modes[number].scene.rows_at(place[i])[[element, *held]]
+                )
+                impulse[i, [element, *held]] = np.linalg.lstsq(along.T, momentum[i])[0]
             continue
         rows = np.array([stop.sign * stop.row(before.shape[1]) for stop in stops])
         solved = np.linalg.lstsq(rows.T, momentum[here].T)[0].T

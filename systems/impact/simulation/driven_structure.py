@@ -23,7 +23,7 @@ from dynkit.systems.impact.elements.element import Element
 from dynkit.systems.impact.elements.laws import ImpactLaw, checked_restitution
 from dynkit.systems.impact.elements.parameters import check_curved, checked_elements, names_of
 from dynkit.systems.impact.elements.stops import HardStop
-from dynkit.systems.impact.modes.curves import CurvedContact
+from dynkit.systems.impact.modes.curves import Along, CurvedContact
 from dynkit.systems.impact.modes.structure import (
     Contact,
     Excitation,
@@ -238,7 +238,9 @@ class DrivenStructure(LagrangianStructure):
         """The contacts of all hard stops."""
         n, structure = self._size, self._structure
         if self._curves:
-            return (CurvedContact(self._curves[0], self.degrees_of_freedom),)
+            size = self.degrees_of_freedom
+            own = (self._curves.get(k, Along(s.row(size))) for k, s in enumerate(self._stops))
+            return tuple(CurvedContact(function, size) for function in own)
         return tuple(structure.contact(stop.row(n)) for stop in self._stops)
 
     @property

@@ -4,13 +4,12 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from dynkit.core.no_motion import Refused
 from dynkit.core.validation import Array, finite_array, finite_scalar
-from dynkit.systems.impact.modes.curves import CurvedContact
 from dynkit.systems.impact.simulation.state import (
     LARGE,
     TOUCHED,
@@ -21,6 +20,7 @@ from dynkit.systems.impact.simulation.state import (
     beside,
     placed,
     put_on,
+    seen_along,
     state_at,
     state_of,
     sticking,
@@ -76,23 +76,16 @@ def default_position(oscillator: DrivenStructure, angle: float) -> Array:
 
 
 def _clear(oscillator: DrivenStructure, shape: Array, angle: float) -> Array:
-    """The shape, or minus or a multiple of it, that is clear of a stop along a function."""
-    stop, function = oscillator._stops[0], oscillator._curves[0]
-    table = stop.swing(math.sin(angle), math.cos(angle)) + stop.offset
+    """The shape, or minus or a multiple of it, that is clear of stops along functions."""
+    turn = math.sin(angle), math.cos(angle)
     for factor in (1.0, -1.0, 0.5, -0.5, 2.0, -2.0):
         x = factor * shape
-        if stop.sign * (float(function(x)) - table) > 0.0:
+        if all(
+            s.sign * (seen_along(c, x, x)[1] - s.swing(*turn) - s.offset) > 0.0
+            for s, c in _stands(oscillator)
+        ):
             return x
     raise Refused("position must be given: multiples of the first mode are beyond the stop")
-
-
-def _seen(contact: Any, x: Array, v: Array) -> tuple[Array, float, float]:
-    """Row (N,) of a contact, and place and rate along it, at positions and velocities (N,)."""
-    if isinstance(contact, CurvedContact):
-        row = contact.function.gradient(x)
-        return row, float(contact.function(x)), float(row @ v)
-    row = contact.row[: len(x)]
-    return row, float(row @ x), float(row @ v)
 
 
 def _between(oscillator: DrivenStructure, x: Array, turn: tuple[float, float]) -> Array:
@@ -161,14 +154,14 @@ def start(
     x = finite_array("position", given, (n,))
     turn = np.array([math.sin(angle), math.cos(angle)])
     moving = np.zeros(n) if velocity is None else velocity
-    if position is velocity is None and oscillator._several:
+    if position is velocity is None and oscillator._several and not oscillator._curves:
         moving = _between(oscillator, x, (float(turn[0]), float(turn[1])))[1]
     v = finite_array("velocity", moving, (n,))
     on: dict[int, float] = {}
     first = 0.0
     for side, (stop, contact) in enumerate(_stands(oscillator)):
         swing, speed = stop.swing(*turn.tolist()), stop.swing_rate(w, *turn.tolist())
-        (row, place, moving), table = _seen(contact, x, v), swing + stop.offset
+        (row, place, moving), table = seen_along(contact, x, v), swing + stop.offset
         gap, u = stop.sign * (place - table), stop.sign * (moving - speed)
         terms = float(abs(row) @ abs(x)) + stop.curved * (1.0 + abs(place))
         rounding = _rounding(terms, stop.amplitude, stop.offset)
@@ -188,13 +181,17 @@ def start(
         first = first if side else abs(u)
     # the one that is left, of those that are; the others are lain on
     element = max(on, key=lambda side: on[side] > 0.0, default=0)
-    touching = (element, *apart(oscillator, element, on)) if on else ()
+    touching = (element, *apart(oscillator, element, on, x)) if on else ()
     sticks = sticking(oscillator, x, v, turn, touching)
     x, v = _sliding(oscillator, x, turn, sliders), beside(oscillator, v)
     if not on:
         return state_at(oscillator, x, v, turn, first, 0, Motion.FLIGHT, sticks)
     lain = (side for side, u in on.items() if side != element and u == 0.0)
-    closed = unlike(oscillator, element, lain)
+    closed = (
+        apart(oscillator, element, lain, x[:n])
+        if oscillator._curves
+        else unlike(oscillator, element, lain)
+    )
     return state_at(oscillator, x, v, turn, on[element], element, Motion.TABLE, closed + sticks)
 
 
@@ -232,7 +229,7 @@ def entered(oscillator: DrivenStructure, start: ImpactState) -> ImpactState:
     x, v = start.position.copy(), start.velocity.copy()
     if start.motion is Motion.FLIGHT:
         for stop, contact in _stands(oscillator):
-            place, table = _seen(contact, x, v)[1], stop.swing(*turn.tolist()) + stop.offset
+            place, table = seen_along(contact, x, v)[1], stop.swing(*turn.tolist()) + stop.offset
             if stop.sign * (place - table) < 0.0:
                 word = "below" if stop.sign > 0 else "above"
                 raise Refused(f"start must not be {word} the table at {table}; got {place}")
@@ -241,7 +238,7 @@ def entered(oscillator: DrivenStructure, start: ImpactState) -> ImpactState:
         return state_at(oscillator, x, v, turn, u, 0, Motion.FLIGHT, sticks)
     if start.element >= len(stands):
         raise Refused(f"start must not be on a far stop without play; got {start!r}")
-    closed = apart(oscillator, start.element, (k for k in start.closed if k < len(stands)))
+    closed = apart(oscillator, start.element, (k for k in start.closed if k < len(stands)), x)
     n, (x, v) = len(x), (beside(oscillator, part) for part in (x, v))
     put_on(oscillator, start.element, closed, (x, v), turn[0], turn[1], u)
     x, v = placed(oscillator, x[:n], start.sliders), v[:n]

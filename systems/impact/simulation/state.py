@@ -14,6 +14,7 @@ import numpy as np
 from dynkit.core.no_motion import Diverged, Refused
 from dynkit.core.validation import Array, finite_array
 from dynkit.systems.impact.modes.constrained import rides
+from dynkit.systems.impact.modes.curves import CurvedContact
 
 if TYPE_CHECKING:
     from dynkit.systems.impact.elements.element import Element
@@ -166,10 +167,12 @@ def put_on(
     stops, w, turn = oscillator._stops, oscillator.frequency, (sine, cosine)
     others = [k for k in closed if k < len(stops)]
     totals = [on_stop(stops[element], w, turn, speed)]
-    if oscillator._curves:
-        oscillator._contacts[element].put_both(*state, *totals[0])
-        return
     totals += [on_stop(stops[k], w, turn, 0.0) for k in others]
+    if oscillator._curves:  # of several by turns; the first one is met to rounding
+        pairs = list(zip((element, *others), totals, strict=True))
+        for k, total in [*pairs[1:], pairs[0]] * (_TURNS if others else 1):
+            oscillator._contacts[k].put_both(*state, *total)
+        return
     for x, own in zip(state, zip(*totals, strict=True), strict=True):
         if not others:
             oscillator._contacts[element].put(x, own[0])
@@ -178,6 +181,10 @@ def put_on(
             kept = independent(rows)  # what the others hold is where it is
             values = np.stack(own, axis=-1)[..., kept]
             oscillator._structure.holding(rows[kept]).put(x, values)
+
+
+_TURNS = 40
+"""Turns of putting positions onto several stops, of which each is met to rounding."""
 
 
 def independent(rows: Array) -> list[int]:
@@ -275,7 +282,7 @@ def on_section(oscillator: DrivenStructure, coordinates: object) -> ImpactState:
         element = int(sheet_of(phase))
         if not 0 <= element < len(stands):
             raise Refused(
-                f"state[{2 * n - 1}] must be a phase and 4 pi times the number of one of "
+                f"state[{len(y) - 1}] must be a phase and 4 pi times the number of one of "
                 f"{len(stands)} stops; got {phase}"
             )
         phase -= SHEET * element
@@ -301,10 +308,10 @@ def touched(
     found = []
     stands = zip(oscillator._stops, oscillator._contacts, strict=True)
     for k, (stop, contact) in enumerate(stands):
-        row = contact.row[: len(v)]
-        place, speed = on_stop(stop, oscillator.frequency, turn, 0.0)
-        pairs = (x, place), (v, speed)
-        gap, rate = (stop.sign * (float(row @ part) - prescribed) for part, prescribed in pairs)
+        row, *seen = seen_along(contact, x, v)
+        prescribed = on_stop(stop, oscillator.frequency, turn, 0.0)
+        speed = prescribed[1]
+        gap, rate = (stop.sign * (a - b) for a, b in zip(seen, prescribed, strict=True))
         near, slow = (
             TOUCHED * (float(abs(row) @ abs(part)) + size)
             for part, size in ((x, stop.amplitude + abs(stop.offset)), (v, abs(speed)))
@@ -313,12 +320,30 @@ def touched(
             raise Refused(f"{along(stop, 'position')} must not be beyond stop {k}, by {-gap}")
         if k != element and gap <= near and abs(rate) <= slow:
             found.append(k)
-    return apart(oscillator, element, found)
+    return apart(oscillator, element, found, x)
 
 
-def apart(oscillator: DrivenStructure, element: int, others: Iterable[int]) -> tuple[int, ...]:
-    """Of other stops those along rows that the stop and the ones before them do not hold."""
+def seen_along(contact: Any, x: Array, v: Array) -> tuple[Array, float, float]:
+    """Row (N,) of a contact, and place and rate along it, at positions and velocities (N,)."""
+    if isinstance(contact, CurvedContact):
+        row = contact.function.gradient(x)
+        return row, float(contact.function(x)), float(row @ v)
+    row = contact.row[: len(x)]
+    return row, float(row @ x), float(row @ v)
+
+
+def apart(
+    oscillator: DrivenStructure, element: int, others: Iterable[int], x: Array
+) -> tuple[int, ...]:
+    """Of other stops those along rows that the stop and the ones before them do not hold.
+
+    At positions (N,).
+    """
     found, stops = [element], oscillator._stops
+    if oscillator._curves:
+        every = [element, *(k for k in others if k != element)]
+        rows = [seen_along(oscillator._contacts[k], x, x)[0] for k in every]
+        return tuple(every[k] for k in independent(np.array(rows)) if k)
     for k in others if len(stops) > 1 else ():
         if rides(oscillator._structure, [stops[j] for j in found], stops[k]) is False:
             found.append(k)
@@ -342,7 +367,7 @@ def sticking(
     And soft stops with a preload on which a mass rests, if these act along no other element.
     """
     found, elements, normal = [], oscillator._elements, oscillator._automaton.parts.normal
-    held = [elements[k] for k in touched]
+    held = [elements[k] for k in touched if not elements[k].curved]
     for k, element in enumerate(elements):
         off = normal.get(k, -1) not in (-1, *touched)
         if any(regime.sticks for regime in element.regimes) and not off:
@@ -363,7 +388,8 @@ def sticking(
 
 
 def _binds(element: Element) -> bool:
-    return any(regime.holds or regime.sticks for regime in element.regimes)
+    holds = any(regime.holds or regime.sticks for regime in element.regimes)
+    return holds and not element.curved
 
 
 def _rests(oscillator: DrivenStructure, element: Element, x: Array, v: Array, turn: Array) -> bool:

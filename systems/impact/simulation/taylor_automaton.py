@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from dynkit.core.validation import Array
 from dynkit.systems.impact.elements.element import IMPACT, JAM, JUMP
 from dynkit.systems.impact.elements.stops import HardStop
+from dynkit.systems.impact.modes.constrained import depends
 from dynkit.systems.impact.modes.structure import ROUNDING, Structure
 from dynkit.systems.impact.modes.taylor_charts import independent
 from dynkit.systems.impact.modes.taylor_mode import TaylorMode
@@ -134,6 +135,15 @@ class TaylorAutomaton:
         there = self._scene.inertia(x, phase)
         return self.parts.pushed(self.regimes[guard.mode], guard.element, there)
 
+    def jams(self, guard: Guard, x: Array, phase: float) -> bool:
+        """Whether a stop there is hit along what others hold."""
+        mode = self.modes[guard.mode]
+        held = [*mode.held, *mode.sticking]
+        if mode.constant_kicks or not held:
+            return False
+        mass, rows = self._scene.inertia(x, phase)
+        return depends(mass, rows[[*held, guard.element]])
+
     def coupled(self, guard: Guard, other: int, x: Array, phase: float) -> bool:
         """Whether an impact there changes the rate of another stop's gap."""
         row, mode = self._scene.rows_at(x)[other], self.modes[guard.mode]
@@ -163,10 +173,11 @@ def check_elements(scene: Scene) -> None:
     ]
     for k in rigid:
         if elements[k].curved:
-            continue  # it is the only one
+            continue  # its row depends on the state
         mine = scene.rows[k] / np.linalg.norm(scene.rows[k])
         facing = isinstance(elements[k], HardStop) and any(
             isinstance(elements[j], HardStop)
+            and not elements[j].curved
             and abs(abs(mine @ scene.rows[j]) - np.linalg.norm(scene.rows[j])) < ROUNDING
             for j in rigid[: rigid.index(k)]
         )

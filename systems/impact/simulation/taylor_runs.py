@@ -125,6 +125,8 @@ class TaylorCourse(Position):
                 number = guards[number].partner
             elif number >= 0:
                 number = self._hit(number)
+                if self._jammed:
+                    break
             if store:
                 speed = math.nan if strobed else self._speed[self._left]
                 log.note(
@@ -249,6 +251,9 @@ class TaylorCourse(Position):
             number = automaton.guard(self._number, k)
             guard = automaton.guards[number]
             opens, _ = self._outcome(guard)
+        if self._automaton.jams(guard, self._bodies()[0], math.atan2(*self._turn)):
+            self.ending = Ending.JAMMED
+            return number
         if self._left != k:
             self._left = k
             if k not in self._chart.places:
@@ -321,6 +326,10 @@ class TaylorCourse(Position):
                 if value <= band and self._automaton.coupled(guard, j, *where):
                     return True
         return False
+
+    @property
+    def _jammed(self) -> bool:
+        return self.ending is Ending.JAMMED
 
     def _outcome(self, guard: Any) -> tuple[int, bool]:
         """What an impact opens or moves, and whether it pushes against a closed stop."""
