@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from copy import copy
 from functools import cached_property
 from typing import Any, final
@@ -242,7 +243,8 @@ class Mode:
         from dynkit.systems.impact.modes.transition_kernels import rates
 
         out, ladder = np.empty(states.shape), self.propagators.ladder
-        flat = np.ascontiguousarray(states).reshape(-1, *states.shape[-2:])
+        count = math.prod(states.shape[:-2])
+        flat = np.ascontiguousarray(states).reshape(count, *states.shape[-2:])
         rates(ladder, flat, out.reshape(flat.shape))
         return out
 
