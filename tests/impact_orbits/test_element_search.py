@@ -9,7 +9,15 @@ import pytest
 from scipy.optimize import brentq
 
 from dynkit import continue_orbit, explore
-from dynkit.systems import HardStop, ImpactChain, MatrixOscillator, SoftStop, ViscoelasticSpheres
+from dynkit.systems import (
+    DryFriction,
+    HardStop,
+    ImpactChain,
+    MatrixOscillator,
+    SoftStop,
+    ViscoelasticSpheres,
+)
+from dynkit.systems.impact.orbits.itineraries import motions
 
 
 def soft(frequency: float, damping: float = 0.2) -> MatrixOscillator:
@@ -106,6 +114,18 @@ def test_without_a_hard_stop_orbits_that_press_and_that_do_not_are_found() -> No
     assert abs(np.hypot(x, v / 2.3) - swing(2.3)) <= quiet.error
     again = soft(2.3).periodic_orbit(periods=2, start=soft(2.3).state([x], [v]))
     assert again.label == "P(1,1)"  # not the same one run through twice
+
+
+def test_a_motion_that_impacts_no_more_is_left_soon(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(motions, "PART", 5)
+    elements = [HardStop((0, 1), offset=-9.0), DryFriction(0, force=0.03)]
+    machine = ImpactChain(masses=2, frequency=1.1, harmonic_forces=[0.0, 0.4], elements=elements)
+    records = list(motions.simulated_motions(machine))
+    assert len(records) == motions.PARTS + motions.STARTS
+    most = 5 * motions.SWITCHES  # each with an event or two
+    assert all(len(record) == 0 for record in records)
+    assert all(most < len(record.events.time) <= 2 * most for record in records)
+    assert not machine.find_orbits(impacts=1, periods=1)
 
 
 @pytest.mark.parametrize("damping", [0.0, 0.2])
