@@ -6,6 +6,7 @@ from functools import cache
 
 import numpy as np
 import pytest
+from scipy.linalg import expm
 from scipy.optimize import brentq
 
 from dynkit import continue_orbit, explore
@@ -143,10 +144,13 @@ def test_a_branch_goes_through_grazing_of_a_soft_stop_both_ways(damping: float) 
     assert "SN" in [found.kind for found in branch.bifurcations]
     (touched,) = [found for found in branch.bifurcations if found.kind == "GR"]
     assert abs(touched.value - grazing()) <= touched.error
-    # multipliers have a limit, and the orbit that only grazes has it
+    # multipliers have a limit: the force -c v begins with the velocity v at the gap, which is zero
     ends = branch.multipliers[[0, -1]]
     nearest = ends[np.argmin(abs(branch.parameter[[0, -1]] - grazing()))]
     assert abs(np.sort_complex(nearest) - np.sort_complex(pressing.multipliers)).max() < 1e-3
+    free = expm(np.array([[0.0, 1.0], [-1.0, -0.05]]) * (2.0 * np.pi / grazing()))
+    limit = np.linalg.eigvals(free @ np.array([[1.0, 0.0], [-damping, 1.0]]))
+    assert abs(np.sort_complex(limit) - np.sort_complex(pressing.multipliers)).max() < 1e-9
     (back,) = touched.switch()
     assert back.counts["elements[0].presses"] == 0
     assert abs(np.hypot(*(back.states[0] / [1.0, grazing()])) - 0.3) < 1e-12
