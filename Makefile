@@ -61,7 +61,7 @@ check: .venv/.dev  ## lint, format, spelling, types, layers
 	$(BIN)/mypy
 	$(BIN)/lint-imports
 
-bench: .venv/.dev  ## run the benchmarks; results/error-time.png is error against run time
+bench: .venv/.dev  ## run the benchmarks, which write docs/benchmarks.md and its figures
 	$(BIN)/python -m tests.benchmarks.run
 
 validate: .venv/.dev  ## compare estimated errors with actual ones in all random cases

@@ -1,15 +1,9 @@
-"""What correlation sums cost: beside SciPy's tree, and as the number of states grows.
-
-Seconds are those of all processors together, but where they are said to pass.
-"""
+"""Correlation sums, beside SciPy's tree and nolds, and of large sets."""
 
 from __future__ import annotations
 
 import importlib
-import tracemalloc
-from collections.abc import Callable
-from functools import partial
-from time import perf_counter, process_time
+from collections.abc import Iterator
 from typing import Any, get_args
 
 import numpy as np
@@ -19,7 +13,7 @@ from scipy.spatial import cKDTree
 from dynkit.analysis import CorrelationDimension
 from dynkit.analysis.dimension.sums import CorrelationSums, Norm, correlation_sums
 from dynkit.systems import Henon, ImpactChain
-from tests.benchmarks.report import table
+from tests.benchmarks.report import Line, in_turns
 from tests.flows.symbolic_flows import SymbolicLorenz
 
 Array = NDArray[np.float64]
@@ -43,20 +37,16 @@ def sets() -> dict[str, tuple[Array, dict[int, float]]]:
     return {"Henon": (Henon().iterate(np.array([0.1, 0.1]), STATES - 1), {}), **found}
 
 
-def seconds_of(call: Callable[[], object]) -> float:
-    began = process_time()
-    call()
-    return process_time() - began
-
-
 def radii_of(states: Array, angles: dict[int, float], norm: Norm) -> Array:
     """8 to the octave, 30 octaves down from a tenth of the diameter."""
     top = 0.1 * CorrelationDimension(states, angles=angles, norm=norm).diameter
     return np.asarray(top * 2.0 ** np.arange(-30.0, 0.125, 0.125))
 
 
-def beside_the_tree_of_scipy(states: Array, angles: dict[int, float], norm: Norm) -> float:
-    """The peer's time over ours, for the same counts."""
+def beside_the_tree_of_scipy(
+    name: str, states: Array, angles: dict[int, float], norm: Norm
+) -> Line:
+    """The same counts by a tree of SciPy."""
     few = states[:PEER].copy()
     boxes = np.zeros(few.shape[1])
     for index, turn in angles.items():
@@ -75,12 +65,11 @@ def beside_the_tree_of_scipy(states: Array, angles: dict[int, float], norm: Norm
         found = tree.count_neighbors(tree, radii, p=np.inf if norm == "maximum" else 2.0)
         theirs.append(np.asarray(found, dtype=np.float64))
 
-    ratio = min(seconds_of(count_by_peer) for _ in range(2)) / min(
-        seconds_of(count) for _ in range(3)
-    )
+    mine, other = in_turns(count, count_by_peer, runs=2)
     # a distance that rounds to a radius may fall on either side of it
     assert abs((theirs[0] - PEER) // 2 - ours[0].pairs).max() <= 1
-    return ratio
+    what = f"correlation sums, {PEER:,} states, {norm} norm, {name}"
+    return Line(what, mine, "cKDTree of SciPy", other)
 
 
 def large_sets() -> dict[str, Array]:
@@ -94,77 +83,40 @@ def large_sets() -> dict[str, Array]:
     return {"Lorenz, 3 coordinates": states, "normal numbers, 20 coordinates": scattered}
 
 
-def nolds_seconds(states: Array, radii: Array) -> str:
-    """Seconds of nolds for the sums of 3000 states at as many radii; it has no tree."""
+def beside_nolds(states: Array, radii: Array) -> Iterator[Line]:
+    """The sums of one coordinate embedded in three; nolds has no tree."""
     try:
         nolds: Any = importlib.import_module("nolds")
     except ModuleNotFoundError:
-        return "not installed"
+        return
     column = states[:3000, 0]
-    return f"{seconds_of(partial(nolds.corr_dim, column, 3, rvals=radii.tolist())):.1f}"
+    embedded = np.column_stack([column[i : i - 3 or None] for i in range(3)])
+    ours, theirs = in_turns(
+        lambda: correlation_sums(embedded, radii),
+        lambda: nolds.corr_dim(column, 3, rvals=radii.tolist()),
+        runs=1,
+    )
+    yield Line("correlation sums, 3000 states, 3 coordinates", ours, "nolds", theirs)
 
 
-def large() -> None:
-    """Print what sums of large sets cost, and cKDTree for the same counts of fewer states."""
-    rows = []
-    for name, states in large_sets().items():
-        for norm in get_args(Norm):
-            radii = radii_of(states[:PEER], {}, norm)
-            correlation_sums(states[:100], radii, norm=norm)
-            began, passed = process_time(), perf_counter()
-            sums = correlation_sums(states, radii, norm=norm)
-            cost, passed = process_time() - began, perf_counter() - passed
-            ratio = beside_the_tree_of_scipy(states, {}, norm)
-            pairs = f"{sums.pairs[-1]:.2e}"
-            row = (name, norm, len(states), pairs, f"{cost:.1f}", f"{passed:.1f}", f"{ratio:.0f}")
-            rows.append((*row, nolds_seconds(states, radii)))
-    head = ("set", "norm", "states", "pairs within", "s", "passed (s)",
-            f"cKDTree / sums, {PEER:,} states", "nolds, 3,000 states (s)")  # fmt: skip
-    table("Correlation sums of large sets, radii up to a tenth of the diameter", head, rows)
-
-
-def dimensions() -> None:
-    rows = []
-    growth = []
+def dimensions() -> Iterator[Line]:
+    """The lines of this file."""
     for name, (states, angles) in sets().items():
-        norms: tuple[Norm, ...] = ("maximum", "euclidean")
-        for norm in norms:
+        for norm in get_args(Norm):
             correlation_sums(states[:100], np.array([1.0]), norm=norm)  # compiles
-            radii = radii_of(states, angles, norm)
-            ratio = beside_the_tree_of_scipy(states, angles, norm)
-            costs = []
-            for n in (STATES // 16, STATES // 4, STATES):
-                began, passed = process_time(), perf_counter()
-                sums = correlation_sums(states[:n], radii, norm=norm, angles=angles)
-                costs.append(process_time() - began)
-                passed = perf_counter() - passed
-                growth.append(
-                    (name, norm, n, f"{costs[-1]:.2f}", f"{sums.cost.counts['distances']:.2e}")
-                )
-            tracemalloc.start()
-            dimension = CorrelationDimension(states, norm=norm, angles=angles)
-            whole = seconds_of(partial(getattr, dimension, "value"))
-            peak = tracemalloc.get_traced_memory()[1]
-            tracemalloc.stop()
-            found = "none"
-            if dimension.region is not None:
-                found = f"{dimension.value:.2f} +- {dimension.error:.2f}"
-                found += f", {dimension.region.ratio:.3g}:1"
-            rows.append(
-                (
-                    name,
-                    norm,
-                    states.shape[1],
-                    f"{costs[-1]:.1f}",
-                    f"{passed:.1f}",
-                    f"{whole:.1f}",
-                    f"{peak / 1e6:.0f}",
-                    f"{ratio:.0f}",
-                    found,
-                )
-            )
-    head = ("set", "norm", "coordinates", "sums (s)", "sums, passed (s)", "dimension (s)", "MB",
-            f"cKDTree / sums, {PEER:,} states", "dimension")  # fmt: skip
-    table(f"Correlation sums of {STATES:,} states, radii up to a tenth of the diameter", head, rows)
-    table("Growth of correlation sums", ("set", "norm", "states", "s", "distances"), growth)
-    large()
+            yield beside_the_tree_of_scipy(name, states, angles, norm)
+        dimension = CorrelationDimension(states, angles=angles)
+        (whole,) = in_turns(lambda: dimension.value, runs=1)  # noqa: B023
+        (sums,) = in_turns(
+            lambda: correlation_sums(states, radii_of(states, angles, "maximum"), angles=angles),  # noqa: B023
+            runs=1,
+        )
+        yield Line(f"correlation dimension, {STATES:,} states, {name}", whole, "its sums", sums)
+    for name, states in large_sets().items():
+        radii = radii_of(states[:PEER], {}, "maximum")
+        (seconds,) = in_turns(lambda: correlation_sums(states, radii), runs=1)  # noqa: B023
+        limit = 60.0 if len(states) == LARGE else 10.0
+        what = f"correlation sums, {len(states):,} states, {name}"
+        yield Line(what, seconds, f"limit, {limit:.0f} s of two processors", 2.0 * limit, 1)
+        if len(states) == LARGE:
+            yield from beside_nolds(states, radii)

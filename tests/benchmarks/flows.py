@@ -25,7 +25,7 @@ from dynkit.analysis.work_precision.measurement import Measurement
 from dynkit.core.validation import Array
 from dynkit.plotting.figures import write_figure
 from dynkit.systems import HenonHeiles, SymbolicFlow, VanDerPol
-from tests.benchmarks.report import measured, table
+from tests.benchmarks.report import by_job, measured
 from tests.flows.cases import VelocityOf, followed_in_many_digits
 from tests.flows.symbolic_flows import SymbolicLorenz
 
@@ -154,26 +154,20 @@ def measurements(jobs: Sequence[str] | None = None) -> Iterator[Measurement]:
         size = float(abs(end).max())
         for method, (prepare, tolerances) in METHODS.items():
             for tolerance in tolerances:
-                entry = partial(Measurement, job=name, method=method, tolerance=tolerance)
+                entry = partial(Measurement, job=name, method=method)
                 try:
                     run = prepare(job, tolerance)
                 except ModuleNotFoundError as missing:
-                    yield entry(remark=f"{missing.name} is not installed")
+                    yield entry(tolerance=math.nan, remark=f"{missing.name} is not installed")
                     break
                 found, seconds = measured(run)
-                yield entry(error=float(abs(found - end).max()) / size, seconds=seconds, starts=1)
+                error = float(abs(found - end).max()) / size
+                yield entry(tolerance=tolerance, error=error, seconds=seconds, starts=1)
 
 
-def flows(out: Path | None = None) -> None:
-    """Print the table, and write the figure."""
+def flows(out: Path | None = None, resolution: float = 600.0) -> list[Measurement]:
+    """Measure all, and write the figure if a file is named."""
     found = list(measurements())
-    rows = [
-        (one.job, one.method, f"{one.tolerance:.0e}", one.known_error,
-         "-" if math.isnan(one.seconds) else f"{1e3 * one.seconds:.3g}", one.remark)
-        for one in found
-    ]  # fmt: skip
-    head = ("job", "method", "tolerance", "error", "milliseconds", "remark")
-    table("Flows: error against run time", head, rows)
     if out is not None:
         panels = [
             (
@@ -182,9 +176,10 @@ def flows(out: Path | None = None) -> None:
             )
             for name in JOBS
         ]
-        write_figure("out", out, draw_all(panels))
+        write_figure("out", out, draw_all(panels), resolution)
         print(f"written: {out}")
+    return found
 
 
 if __name__ == "__main__":
-    flows(Path(sys.argv[1]) if len(sys.argv) > 1 else None)
+    print(by_job(flows(Path(sys.argv[1]) if len(sys.argv) > 1 else None)))

@@ -1,15 +1,14 @@
-"""Benchmark of Lyapunov spectra: processor time per impact, beside the motion alone."""
+"""Lyapunov spectra, beside the motion alone."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from time import process_time
+from collections.abc import Iterator
 
 import numpy as np
 
 from dynkit.systems import BouncingBall, ImpactChain
 from dynkit.systems.impact.oscillators.oscillator import ImpactOscillator
-from tests.benchmarks.report import table
+from tests.benchmarks.report import Line, in_turns
 
 CASES: tuple[tuple[str, ImpactOscillator], ...] = (
     ("1 mass without spring, chaos", BouncingBall(amplitude=1.0, frequency=3.0, restitution=0.95)),
@@ -28,39 +27,18 @@ CASES: tuple[tuple[str, ImpactOscillator], ...] = (
 )
 
 
-def processor_time(call: Callable[[], object], runs: int = 5) -> float:
-    best = np.inf
-    for _ in range(runs):
-        began = process_time()
-        call()
-        best = min(best, process_time() - began)
-    return float(best)
-
-
-def lyapunov_speed() -> None:
-    rows = []
+def lyapunov_speed() -> Iterator[Line]:
+    """All exponents of some motions, beside the motion alone."""
     for name, system in CASES:
         n = system.degrees_of_freedom
         count = max(20_000 // n, 200)
         state = system.attractor(transient=500, impacts=1).states[-1]
         start = system.impact_state(state)
-        found = system.stretching(state, count)
-        assert found.times is not None
-        both = processor_time(lambda: system.stretching(state, count))  # noqa: B023
-        alone = processor_time(lambda: system.simulate(impacts=count, start=start))  # noqa: B023
-        trace = float(np.trace(np.linalg.solve(system.mass, system.damping_matrix)))
-        with np.errstate(divide="ignore", invalid="ignore"):
-            expected = 2.0 * np.log(system.restitution) - trace * found.times
-            gaps = abs(found.logs.sum(axis=1) - expected)
-        gaps = gaps[np.isfinite(gaps)]
-        error = f"{gaps.max():.0e}" if gaps.size else ""
-        rows.append((name, 2 * n, f"{1e6 * alone / count:.2f}", f"{1e6 * both / count:.1f}", error))
-    table(
-        "Lyapunov spectrum, processor time in microseconds per impact",
-        ("motion", "exponents", "motion alone", "with all exponents", "largest error of the sum"),
-        rows,
-    )
-
-
-if __name__ == "__main__":
-    lyapunov_speed()
+        system.stretching(state, count)
+        both, alone = in_turns(
+            lambda: system.stretching(state, count),  # noqa: B023
+            lambda: system.simulate(impacts=count, start=start),  # noqa: B023
+        )
+        yield Line(
+            f"impact with all exponents, {name}", both / count, "the motion alone", alone / count
+        )

@@ -6,19 +6,22 @@ fixed step is that of Siconos, a library, and the same in NumPy, for comparison.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
+from functools import partial
 from typing import Any, TypeAlias, final
 
 import numpy as np
 from flint import arb, ctx
 from scipy.integrate import solve_ivp
 
+from dynkit.analysis.work_precision.measurement import Measurement
 from dynkit.analysis.work_precision.methods import Unsuited
 from dynkit.core.validation import Array
 from dynkit.systems import DryFriction, HardStop, ImpactChain
 from tests.benchmarks.peers.siconos_machines import by_siconos
-from tests.benchmarks.report import measured, table
+from tests.benchmarks.report import by_job, measured
 from tests.reference.machines import BITS, Machine
 
 Run: TypeAlias = Callable[[], Array]
@@ -171,39 +174,29 @@ def by_scipy(job: MachineJob, tolerance: float) -> Run:
 Method: TypeAlias = Callable[[MachineJob, float], Run]
 
 METHODS: dict[str, tuple[Method, Sequence[float]]] = {
-    "dynkit": (by_dynkit, (2.0**-52,)),
+    "dynkit": (by_dynkit, (0.0,)),
     "DOP853": (by_scipy, (1e-4, 1e-8, 1e-12)),
     "Moreau": (by_moreau, STEPS),
     "Siconos": (by_siconos, STEPS),
 }
 
 
-def measurements() -> Iterator[tuple[str, str, float, float, float, str]]:
-    """Job, method, tolerance or step, error, seconds of the processor, and a remark."""
+def machines() -> Iterator[Measurement]:
+    """Yield the measurement of each method at each tolerance on the jobs."""
     for name, job in JOBS.items():
         end = exact(job)
         for method, (prepare, tolerances) in METHODS.items():
             for tolerance in tolerances:
+                entry = partial(Measurement, job=name, method=method)
                 try:
                     run = prepare(job, tolerance)
                 except Unsuited as reason:
-                    yield name, method, tolerance, np.nan, np.nan, str(reason)
+                    yield entry(tolerance=math.nan, remark=str(reason))
                     break
                 found, seconds = measured(run)
-                yield name, method, tolerance, float(abs(found - end).max()), seconds, ""
-
-
-def machines() -> None:
-    """Print the table."""
-    rows = [
-        (*found[:2], *("-" if np.isnan(number) else form.format(number) for form, number in zip(
-            ("{:.0e}", "{:.0e}", "{:.3g}"), (*found[2:4], 1e3 * found[4]), strict=True
-        )), found[5])
-        for found in measurements()
-    ]  # fmt: skip
-    head = ("job", "method", "tolerance or step", "error", "milliseconds", "remark")
-    table("Machines: error against run time", head, rows)
+                error = float(abs(found - end).max())
+                yield entry(tolerance=tolerance, error=error, seconds=seconds, starts=1)
 
 
 if __name__ == "__main__":
-    machines()
+    print(by_job(machines()))

@@ -1,129 +1,114 @@
-"""Benchmarks: speed beside accuracy, as Markdown tables. Run by ``make bench``.
+"""All benchmarks, as Markdown tables; they write ``docs/benchmarks.md``. Run by ``make bench``.
 
-Error against run time is drawn too: ``results/error-time.png``, the figure of the README, and
-``results/error-time-flows.png``.
-
-Times are minima over several runs on one core of whatever machine this is; ratios within one run
-are what may be compared. Nothing here is asserted.
+Ratios within one run are what may be compared. Nothing here is asserted.
 """
 
 from __future__ import annotations
 
 import os
+import platform
 import subprocess
 import sys
 import tempfile
-from collections.abc import Callable
+from collections.abc import Iterator, Sequence
+from datetime import UTC, datetime
 from functools import partial
 from pathlib import Path
-from time import perf_counter
+from string import Template
 
+import numba
 import numpy as np
 
-from dynkit.systems import ImpactChain
+from dynkit.plotting.figures import write_figure
 from tests.benchmarks.continuation import continuation
 from tests.benchmarks.dimension import dimensions
 from tests.benchmarks.extremes import extremes
+from tests.benchmarks.extremes.table import selection, summary
 from tests.benchmarks.flows import flows
+from tests.benchmarks.impacts import impacts
 from tests.benchmarks.lyapunov import lyapunov_speed
 from tests.benchmarks.machines import machines
-from tests.benchmarks.overheads import overheads
-from tests.benchmarks.report import table
+from tests.benchmarks.report import HEAD, Line, by_job, in_turns, markdown
 from tests.benchmarks.scaling import scaling
-from tests.benchmarks.sticking import sticking
 from tests.benchmarks.structures import structures
 from tests.benchmarks.symbols import symbols
 from tests.benchmarks.work_precision import work_precision
 
-RESULTS = Path("results")
-"""Where the figure of error against run time goes."""
+DOCS = Path(__file__).parents[2] / "docs"
+RESOLUTION = 200.0
+"""Of the figures, in dots per inch."""
+
+PAGE, TEMPLATE = DOCS / "benchmarks.md", Path(__file__).with_name("page.md")
 
 
-def fastest(call: Callable[[], object], runs: int = 7) -> float:
-    best = np.inf
-    for _ in range(runs):
-        began = perf_counter()
-        call()
-        best = min(best, perf_counter() - began)
-    return float(best)
-
-
-def impact_speed() -> None:
-    rows = []
-    for frequency, motion in ((0.35, "chaos"), (0.87, "P(1,3)"), (0.408, "sticking")):
-        chain = ImpactChain(frequency=frequency)
-        start = chain.simulate(impacts=3000).final
-        record = chain.simulate(impacts=20_000, start=start)
-        seconds = fastest(partial(chain.simulate, impacts=20_000, start=start))
-        cells = record.cost.counts["cells"] / len(record)
-        rows.append((frequency, motion, f"{1e6 * seconds / len(record):.2f}", f"{cells:.1f}"))
-    table("Microseconds per impact, N = 10", ("frequency", "motion", "us", "cells"), rows)
-
-
-def growth_with_size() -> None:
-    rows = []
-    for masses in (10, 30, 100, 300, 1000):
-        chain = ImpactChain(masses=masses, frequency=0.35)
-        began = perf_counter()
-        start = chain.state(np.zeros(masses), np.zeros(masses), phase=np.pi)
-        prepared = perf_counter() - began
-        start = chain.simulate(impacts=100, start=start).final
-        count = max(100_000 // masses, 300)
-        record = chain.simulate(impacts=count, start=start)
-        seconds = fastest(partial(chain.simulate, impacts=count, start=start), 3)
-        flight = float(record.time[-1]) / count
-        rows.append(
-            (
-                masses,
-                f"{prepared:.2f}",
-                f"{1e6 * seconds / count:.2f}",
-                f"{flight:.1f}",
-                f"{record.cost.counts['cells'] / count:.1f}",
-                f"{1e9 * seconds / flight / count / masses:.2f}",
-            )
-        )
-    head = ("N", "set-up (s)", "us per impact", "flight time", "cells", "ns per mass and unit time")
-    table("Growth with the number of masses, frequency 0.35, from rest", head, rows)
-
-
-def start_up() -> None:
+def start_up() -> Iterator[Line]:
+    """Seconds of whole processes."""
     simulate = (
         "from dynkit.systems import ImpactChain; ImpactChain(frequency=0.87).simulate(impacts=100)"
     )
-    rows = []
+    codes = "pass", "import dynkit", "import numba, scipy.linalg", simulate, simulate
     with tempfile.TemporaryDirectory() as cache:
         environment = {**os.environ, "NUMBA_CACHE_DIR": cache}
-        for name, code in (
-            ("python alone", "pass"),
-            ("import dynkit", "import dynkit"),
-            ("first simulate, compilation included", simulate),
-            ("simulate in a second process", simulate),
-        ):
-            began = perf_counter()
-            subprocess.run([sys.executable, "-c", code], env=environment, check=True)
-            rows.append((name, f"{perf_counter() - began:.2f}"))
-    table("Seconds of a whole process", ("process", "s"), rows)
+        seconds = [
+            in_turns(
+                partial(subprocess.run, [sys.executable, "-c", code], env=environment, check=True),
+                runs=1,
+            )[0]
+            for code in codes
+        ]
+    python, imported, libraries, first, second = seconds
+    yield Line("process: `import dynkit`", imported, "Python alone", python)
+    yield Line("process: a simulation", second, "import of Numba and SciPy", libraries)
+    yield Line("process: first simulation of a fresh install", first, "the same again", second)
+
+
+def machine() -> str:
+    """Return a sentence on when and with what the page was measured."""
+    processor = platform.processor() or platform.machine()
+    if (described := Path("/proc/cpuinfo")).exists():
+        names = [line for line in described.read_text().splitlines() if "model name" in line]
+        processor = names[0].partition(":")[2].strip() if names else processor
+    programs = f"Python {platform.python_version()}, NumPy {np.__version__}"
+    today = f"{datetime.now(UTC):%d %B %Y}"
+    return (
+        f"Measured {today} on one of {os.cpu_count()} processors ({processor}), "
+        f"with {programs} and Numba {numba.__version__}."
+    )
+
+
+def one_table(rows: list[Sequence[str]]) -> None:
+    """Print the one table line by line, and collect its rows."""
+    print(markdown(HEAD, []), flush=True)
+    for part in (
+        *(impacts, structures, continuation, lyapunov_speed),
+        *(dimensions, symbols, scaling, start_up),
+    ):
+        for line in part():
+            rows.append(line.cells())
+            print(f"| {' | '.join(rows[-1])} |", flush=True)
 
 
 def main() -> None:
-    impact_speed()
-    overheads()
-    lyapunov_speed()
-    growth_with_size()
-    structures()
-    continuation()
-    sticking()
-    dimensions()
-    symbols()
-    scaling()
-    start_up()
-    print("\n### Error against run time\n", flush=True)
-    RESULTS.mkdir(exist_ok=True)
-    work_precision(str(RESULTS / "error-time.png"), log=sys.stdout)
-    flows(RESULTS / "error-time-flows.png")
-    machines()
-    print("\n### Extreme cases\n", flush=True)
-    extremes(log=sys.stdout)
+    """Measure, print, and write the page and its figures."""
+    rows: list[Sequence[str]] = []
+    one_table(rows)
+    figure = DOCS / "_static" / "error-time.png"
+    measured = work_precision(log=sys.stdout)
+    write_figure("figure", figure, measured.figure(), RESOLUTION)
+    found = extremes(log=sys.stdout)
+    texts = {
+        "machine": machine(),
+        "lines": markdown(HEAD, rows),
+        "impacts": by_job(measured, finest=True),
+        "machines": by_job(machines()),
+        "flows": by_job(flows(figure.with_name("error-time-flows.png"), RESOLUTION)),
+        "extremes": selection(found),
+        "extremes_summary": summary(found),
+    }
+    for name in ("machines", "flows"):
+        print(f"\n{texts[name]}")
+    PAGE.write_text(Template(TEMPLATE.read_text("utf-8")).substitute(texts), encoding="utf-8")
+    print(f"written: {PAGE}")
 
 
 if __name__ == "__main__":

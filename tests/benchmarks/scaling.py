@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import multiprocessing
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from concurrent.futures import Executor, ProcessPoolExecutor
 from dataclasses import dataclass
 from functools import partial
@@ -26,7 +26,7 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[2]))
 from dynkit import Basins, ParameterMap, basins, parameter_map
 from dynkit.plotting.figures import new_figure, print_style
 from dynkit.systems import ImpactChain, SingleImpactOscillator
-from tests.benchmarks.report import table
+from tests.benchmarks.report import Line, markdown
 
 TRANSIENT, KEEP = 900, 100
 PAGE = Path(__file__).parents[2] / "docs" / "_static" / "scaling.txt"
@@ -106,13 +106,12 @@ HEAD = (
     *("job", "processes", "s", "processor s of workers", "of the caller", "ms a point"),
     *("efficiency", "by processor time"),
 )
-TITLE = (
-    "Maps of frequency and damping, N = 10, and basins of one mass; the processes' start included"
-)
+
+Pairs = list[tuple[str, int, Run, Run]]
 
 
-def scaling(pairs: int = 40, cells: int = 200) -> list[list[str]]:
-    """Print, and return, a map of pairs x pairs, and cells x cells starts, by one process and two.
+def by_one_and_two(pairs: int, cells: int) -> Pairs:
+    """Return the runs of a map of pairs x pairs, and of cells x cells starts, by one and by two.
 
     Each is run twice, in turns, and the run of less time by the wall clock counts.
     """
@@ -120,26 +119,30 @@ def scaling(pairs: int = 40, cells: int = 200) -> list[list[str]]:
         (f"map, {pairs} x {pairs}", pairs**2, partial(the_map, pairs)),
         (f"basins, {cells} x {cells}", cells**2, partial(the_basins, cells)),
     )
-    rows = []
+    found: Pairs = []
     for what, count, make in jobs:
         runs = [timed(workers, make)[1] for _ in range(2) for workers in (1, 2)]
         one, two = (min(runs[k::2], key=lambda run: run.wall) for k in (0, 1))
-        rows += [one.cells(what, count), two.cells(what, count, one)]
-    table(TITLE, HEAD, rows)
-    return rows
+        found.append((what, count, one, two))
+    return found
+
+
+def scaling() -> Iterator[Line]:
+    """The lines of this file; the processes' start is included."""
+    for what, _, one, two in by_one_and_two(40, 200):
+        yield Line(f"{what}, by two processes", two.processors, "by one", one.processors)
 
 
 def main() -> None:
     if len(sys.argv) < 2:
-        lines = [HEAD, ["---"] * len(HEAD), *scaling(40, 300)]
-        text = "\n".join(f"| {' | '.join(line)} |" for line in lines)
-        PAGE.write_text(text + "\n", encoding="utf-8")
+        rows: list[list[str]] = []
+        for what, count, one, two in by_one_and_two(40, 300):
+            rows += [one.cells(what, count), two.cells(what, count, one)]
+        PAGE.write_text(markdown(HEAD, rows) + "\n", encoding="utf-8")
         return
     size = int(sys.argv[1])
     found, run = timed(2, partial(the_map, size, store="map.h5"))
-    table(
-        "Map of frequency and damping, N = 10", HEAD, [run.cells(f"map, {size} x {size}", size**2)]
-    )
+    print(markdown(HEAD, [run.cells(f"map, {size} x {size}", size**2)]))
     print(f"\n{found}")
     figure, (axes,) = new_figure(height=3.2)
     with print_style():

@@ -1,15 +1,13 @@
-"""Benchmark of maps and flows of expressions, each beside a peer that is written by hand."""
+"""Maps and flows of expressions, each beside a peer that is written by hand."""
 
 from __future__ import annotations
 
 import math
-import os
 import subprocess
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from functools import partial
 from itertools import pairwise
-from time import process_time
 from typing import Any
 
 import heyoka as hy
@@ -20,7 +18,7 @@ from dynkit import MapAttractor, PoincareMap, Stroboscope, continue_orbit
 from dynkit.analysis import LyapunovSpectrum
 from dynkit.core.validation import Array
 from dynkit.systems import Duffing, Henon, TodaChain
-from tests.benchmarks.report import table
+from tests.benchmarks.report import Line, in_turns
 from tests.flows.symbolic_flows import SymbolicDuffing, SymbolicLorenz
 
 ITERATES, TIME, IMPACTS = 1_000_000, 1000, 2000
@@ -102,28 +100,14 @@ def toda_by_heyoka(impacts: int) -> Callable[[], None]:
     return follow
 
 
-def in_turns(*calls: Callable[[], object], runs: int = 5) -> list[float]:
-    """Least seconds of the processor of each call, of runs in turns, those of children included."""
-    best = [np.inf] * len(calls)
-    for _ in range(runs):
-        for i, call in enumerate(calls):
-            began = _clock()
-            call()
-            best[i] = min(best[i], _clock() - began)
-    return best
-
-
-def _clock() -> float:
-    return process_time() + sum(os.times()[2:4])
-
-
 def branch(flow: Any) -> Callable[[], object]:
     strobed = PoincareMap(flow, Stroboscope(3), time_limit=10.0)
     orbit = MapAttractor(strobed, np.array([1.2, 0.1]), 200, 20).periodic_orbit()
     return partial(continue_orbit, orbit, "force", bounds=(0.1, 0.3))
 
 
-def symbols() -> None:
+def symbols() -> Iterator[Line]:
+    """The lines of this file."""
     henon, states, logs = Henon(), np.zeros((ITERATES + 1, 2)), np.empty((ITERATES, 2))
     start: Array = np.zeros(2)
     henon_by_hand(states[:3])
@@ -131,61 +115,53 @@ def symbols() -> None:
     henon.stretching(start, 3)
     lorenz = SymbolicLorenz()
     lorenz.stretching(START, 1.0, 3)
-    jobs: list[tuple[str, Callable[[], object], Callable[[], object]]] = [
+    strobed = branch(SymbolicDuffing(force=0.2))
+    toda = TodaChain(frequency=0.9)
+    jobs: list[tuple[str, Callable[[], object], str, Callable[[], object], float | None]] = [
         (
-            "a million iterates of Henon's map, beside a loop of Numba",
-            lambda: henon.iterate_into(states),
-            lambda: henon_by_hand(states),
+            "a million iterates of Henon's map", lambda: henon.iterate_into(states),
+            "a loop of Numba", lambda: henon_by_hand(states), None,
         ),
         (
-            "their frames, lengths and errors, beside a loop that turns one direction",
-            lambda: henon.stretching(start, ITERATES),
-            lambda: exponents_by_hand(logs),
+            "their frames, lengths and errors", lambda: henon.stretching(start, ITERATES),
+            "a loop that turns one direction", lambda: exponents_by_hand(logs), None,
         ),
         (
-            "frames of Lorenz over 1000 units of time, beside heyoka and NumPy's QR",
+            "frames of Lorenz over 1000 units of time",
             lambda: lorenz.stretching(START, 1.0, TIME),
-            lorenz_by_heyoka(),
+            "heyoka's variational run and NumPy's QR", lorenz_by_heyoka(), 1.3,
         ),
         (
-            "exponents of Lorenz over 1000 units of time, beside the same",
+            "exponents of Lorenz over 1000 units of time, with errors",
             lambda: (
                 LyapunovSpectrum.of_flow(
                     lorenz, START, interval=1.0, iterations=TIME * 4 // 5
                 ).exponents
             ),
-            lorenz_by_heyoka(),
+            "the same", lorenz_by_heyoka(), 1.3,
         ),
         (
-            "a branch of 47 orbits of Duffing's oscillator, beside `IntegratedFlow`",
-            branch(SymbolicDuffing(force=0.2)),
-            branch(Duffing(force=0.2)),
+            "a branch of 47 orbits of Duffing's oscillator", strobed,
+            "`IntegratedFlow`", branch(Duffing(force=0.2)), None,
         ),
-    ]
-    toda = TodaChain(frequency=0.9)
-    jobs.append(
         (
-            f"{IMPACTS} impacts of Toda's chain of ten, beside heyoka's event loop in Python",
-            lambda: toda.simulate(impacts=IMPACTS),
-            toda_by_heyoka(IMPACTS),
-        )
-    )
-    rows = []
-    for name, ours, peer in jobs:
-        runs = 2 if "Duffing" in name else 5
-        mine, other = in_turns(ours, peer, runs=runs)
-        rows.append((name, f"{1e3 * mine:.4g}", f"{1e3 * other:.4g}", f"{mine / other:.2f}"))
-    table("Maps and flows of expressions, milliseconds", ("job", "dynkit", "peer", "ratio"), rows)
-    first = []
+            f"{IMPACTS} impacts of Toda's chain of ten", lambda: toda.simulate(impacts=IMPACTS),
+            "heyoka's event loop in Python", toda_by_heyoka(IMPACTS), 1.0 / 0.9,
+        ),
+    ]  # fmt: skip
+    for name, ours, beside, peer, most in jobs:
+        mine, other = in_turns(ours, peer, runs=2 if "Duffing" in name else 5)
+        yield Line(name, mine, beside, other, most)
+        if "million" in name:
+            yield Line(name, mine, "limit, 5e7 a second", ITERATES / 5e7, 1)
+        elif "lengths" in name:
+            yield Line("exponents of Henon's map, a million iterates", mine, "limit", 0.1, 1)
+        elif "Duffing" in name:
+            yield Line("point of that branch", mine / 47, "limit, 100 a second", 0.01, 1)
     for name, code in (
         ("a map", "from dynkit.systems import Ikeda as S; S().stretching([0.1, 0.1], 10)"),
         ("a flow", "from dynkit.systems import Chua as S; S().stretching([1.0, 0.1, 0.2], 1.0, 3)"),
         ("a structure", "from dynkit.systems import TodaChain as S; S(frequency=0.9).attractor()"),
     ):
         (whole,) = in_turns(partial(subprocess.run, [sys.executable, "-c", code], check=True))
-        first.append((name, f"{whole:.2f}"))
-    table("Seconds of a process that uses a class for the first time", ("class", "s"), first)
-
-
-if __name__ == "__main__":
-    symbols()
+        yield Line(f"process that uses a class of {name} for the first time", whole, "limit", 3, 1)

@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import TextIO
 
 from tests.benchmarks.extremes.cases import GROUPS, read_cases
-from tests.benchmarks.extremes.measures import measure
+from tests.benchmarks.extremes.measures import Outcome, measure
 from tests.benchmarks.extremes.table import head, line, markdown, summary
 from tests.benchmarks.programs import output, write_text
 
@@ -19,7 +19,9 @@ class WrongCases(RuntimeError):
     """Cases are off by more than they claim, or end otherwise than they should."""
 
 
-def extremes(out: str | None = None, only: Sequence[str] | None = None, *, log: TextIO) -> None:
+def extremes(
+    out: str | None = None, only: Sequence[str] | None = None, *, log: TextIO
+) -> list[Outcome]:
     """Simulate the cases and print, for each, its true error beside the one that is claimed.
 
     Parameters
@@ -52,6 +54,7 @@ def extremes(out: str | None = None, only: Sequence[str] | None = None, *, log: 
     wrong = [outcome.case.name for outcome in outcomes if not outcome.right]
     if wrong:
         raise WrongCases(f"{len(wrong)} of {len(outcomes)} cases are wrong: {', '.join(wrong)}")
+    return outcomes
 
 
 def checked(out: str | None, only: Sequence[str] | None) -> Path | None:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from tests.benchmarks.extremes.measures import Outcome
+from tests.benchmarks.report import markdown as benchmark_table
 
 _HEAD = ("case", "impacts", "ending", "largest", "true error", "claimed", "ratio", "us/impact")
 _WIDTHS = (54, 8, 18, 8, 10, 8, 7, 9)
@@ -44,9 +45,18 @@ def summary(outcomes: Sequence[Outcome]) -> str:
 
 def markdown(outcomes: Sequence[Outcome]) -> str:
     """Return the table as Markdown."""
-    rows = [_HEAD, ["---"] * len(_HEAD), *(_cells(outcome) for outcome in outcomes)]
-    table = "\n".join(f"| {' | '.join(row)} |" for row in rows)
+    table = benchmark_table(_HEAD, [_cells(outcome) for outcome in outcomes])
     return f"{_ABOUT}\n{table}\n\n{summary(outcomes)}\n"
+
+
+def selection(outcomes: Sequence[Outcome], each: int = 2) -> str:
+    """Return, as Markdown, the cases of each group whose actual error comes nearest the claimed."""
+    groups: dict[str, list[Outcome]] = {}
+    for outcome in sorted(outcomes, key=lambda one: -one.ratio):
+        if outcome.compared:
+            groups.setdefault(outcome.case.group, []).append(outcome)
+    rows = [_cells(one) for group in sorted(groups) for one in groups[group][:each]]
+    return benchmark_table(_HEAD, rows)
 
 
 def _cells(outcome: Outcome) -> list[str]:

@@ -25,7 +25,7 @@ def work_precision(
     methods: Sequence[str] | None = None,
     *,
     log: TextIO,
-) -> None:
+) -> WorkPrecision:
     """Measure and print, line by line, what each method makes of each job.
 
     Parameters
@@ -52,6 +52,7 @@ def work_precision(
     if file is not None:
         _write(file, measured)
         print(f"written: {file}", file=log)
+    return measured
 
 
 def checked(
