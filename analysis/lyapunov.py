@@ -319,9 +319,9 @@ class LyapunovSpectrum(Saved):
     def resolved(self) -> bool:
         """Whether the run is long enough for its errors.
 
-        It is False when the slowest waves of the logarithms are much larger than the others: the
-        correlation time exceeds about a tenth of the run, or the motion has not settled. The errors
-        are then too small.
+        It is False when the slowest waves of the logarithms are much larger than the others. Then
+        the correlation time exceeds about a tenth of the run, or the motion has not settled. The
+        errors are then too small.
         """
         return self._averages[0].resolved
 

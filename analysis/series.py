@@ -31,8 +31,8 @@ class TimeSeries(Saved):
         An attractor is sampled exactly, also beyond its kept states; an array contains the values.
     times : (k,) array_like, optional
         Ascending times; required for an array. For an attractor they count from the last skipped
-        state; by default there are 100 in each of the first 12 periods of the forcing, or those of
-        the kept states without forcing.
+        state. By default there are 100 in each of the first 12 periods of the forcing, or, without
+        forcing, those of the kept states.
     coordinate : int, optional
         Index of a coordinate in an attractor's time series; for impact oscillators the positions
         come first, then the velocities. By default the contact coordinate, or the first where there

@@ -84,9 +84,9 @@ class PowerSpectrum(Saved):
     Raises
     ------
     ValueError
-        When a number is not finite or not positive, when there are fewer than 8 samples per
-        segment, more samples of an attractor than fit into a gigabyte, or no default interval for
-        an attractor.
+        When a number is not finite or not positive, or there are fewer than 8 samples per segment.
+        For an attractor, also when the samples do not fit into a gigabyte, or there is no default
+        interval.
 
     References
     ----------

@@ -158,8 +158,8 @@ class ExactImpacts:
     ) -> Array:
         """Return the error of each impact, (n,).
 
-        It is the largest of these: the error of the time over the period, of a position over the
-        largest position of all impacts, and of a velocity over the largest velocity.
+        It is the largest of three: the error of the time over the period, of positions over the
+        largest position of all impacts, and of velocities over the largest velocity.
 
         Parameters
         ----------

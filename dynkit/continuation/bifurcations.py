@@ -171,9 +171,9 @@ class Bifurcation(Tabled):
     def switch(self) -> list[Any]:
         """Return an orbit on each branch that leaves here, for `continue_orbit`.
 
-        At PD it is on the branch of twice the period, at BP on the crossing branch, at HB on the
-        branch of the periodic orbits that are born, at GR on the branches with one impact more or
-        less. SN, NS, RS and CB have none.
+        At PD it is on the branch of twice the period, and at BP on the crossing branch. At HB it is
+        on the branch of the periodic orbits that are born, and at GR on the branches with one
+        impact more or less. SN, NS, RS and CB have none.
         """
         switch = KINDS[self.kind].switch
         return [] if switch is None else switch(self._place)

@@ -82,9 +82,9 @@ def continue_orbit(
     Raises
     ------
     ValueError
-        When the system has no such parameter, the bounds are reversed, the orbit lies outside of
-        them, does not solve its equations or must be admissible and is not, or a number is out of
-        range.
+        When the system has no such parameter, the bounds are reversed, or a number is out of range.
+        Also when the orbit lies outside of the bounds, does not solve its equations, or must be
+        admissible and is not.
 
     References
     ----------

@@ -43,8 +43,8 @@ class Criticality:
         c of ``xi -> -xi + c xi^3``. In both the unit of xi is the bifurcation's `direction`. NS:
         the real part of d of ``z -> exp(i theta) z (1 + d |z|^2)``. HB: the real part of c of
         ``z' = i omega z + c z |z|^2``, the first Lyapunov coefficient times omega. In both the
-        critical eigenvector has unit length in the coordinates of the state, at NS of the orbit's
-        first state; for sticking orbits of the state in contact at the first release.
+        critical eigenvector has unit length in the coordinates of the state. At NS this is the
+        orbit's first state, and for sticking orbits the state in contact at the first release.
     error : float
         Estimate of the error of the coefficient.
     side : int

@@ -75,10 +75,11 @@ def explore(
     iterates, periods : int
         Largest n and m of the orbits P(n,m); for a map the largest n of P(n).
     values : int
-        Number of values of the parameter, equally spaced within the bounds, with initial orbits:
-        all P(1,m), and the admissible ones of more impacts that the system's `find_orbits` finds
-        near motions and from random guesses; or, for a map, those that `find_orbits` finds in a
-        box, also at both bounds. An isolated branch that reaches none of these values is not found.
+        Number of values of the parameter, equally spaced within the bounds, at which initial orbits
+        are searched. For a machine these are all P(1,m), and the admissible orbits of more impacts
+        that its `find_orbits` finds near motions and from random guesses. For a map they are the
+        orbits that `find_orbits` finds in a box; the search is then also at both bounds. An
+        isolated branch that reaches none of these values is not found.
     seeds : iterable of PeriodicOrbit or Equilibrium, optional
         Initial orbits, instead of these; required for a flow.
     box : (d, 2) array_like, optional

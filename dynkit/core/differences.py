@@ -124,8 +124,9 @@ def numerical_derivative(
     NoMotion
         When the function is refused at the point itself.
     Refused
-        When there is no derivative: the function is refused at all steps on both sides, or its
-        differences do not converge, as at a jump, a sharp corner or the end of a square root.
+        When there is no derivative. Then the function is refused at all steps on both sides, or its
+        differences do not converge. This happens at a jump, a sharp corner or the end of a square
+        root.
 
     References
     ----------

@@ -106,8 +106,8 @@ class SmoothMap(Family, ABC):
         factors : (n, d, d) array
             In the order of time: the jacobian is ``factors[n - 1] @ ... @ factors[0]``.
         errors : (n,) array
-            Estimate of the error of an entry of each factor: by default the `accuracy` times the
-            norm of the jacobian, or the error of the differences where no jacobian is defined.
+            Estimate of the error of an entry of each factor. By default it is the `accuracy` times
+            the norm of the jacobian, or the error of the differences where no jacobian is defined.
 
         Raises
         ------
@@ -143,8 +143,8 @@ class SmoothMap(Family, ABC):
         """Return matrices whose product along an orbit has its multipliers, and errors of entries.
 
         By default they are the `jacobian_factors`. On a level of a first integral they have the
-        dimension of the level: they lead from a frame of directions at the state to that at the
-        state of the orbit that follows.
+        dimension of the level. They lead from a frame of directions at the state to a frame at the
+        next state of the orbit.
         """
         return self.jacobian_factors(state)
 

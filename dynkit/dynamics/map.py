@@ -72,7 +72,7 @@ class Map(SmoothMap):
         starts that ends at known periodic orbits.
 
     Stores and executors also require that the fields (`identity`) are numbers, strings, arrays, or
-    tuples of them, that the class can be imported from a file, and that instances can be pickled.
+    tuples of them. The class must be importable from a file, and instances must be picklable.
 
     Instances are immutable. `dynkit.testing.check_map` tests a subclass against this contract.
 

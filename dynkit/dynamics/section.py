@@ -102,8 +102,8 @@ class Hyperplane(PoincareSection):
     Raises
     ------
     ValueError
-        When the normal is zero, or not zero at an angle; when an argument is not finite or not of
-        that shape, or an angle is not an index of the normal.
+        When the normal is zero, or not zero at an angle. Also when an argument is not finite or not
+        of that shape, or an angle is not an index of the normal.
 
     Examples
     --------

@@ -51,17 +51,17 @@ class OrbitLabel:
         For chaos, the p-value of zero mean growth of disturbances; see `label_orbit`.
     multiplier, multiplier_error : float
         Largest modulus of the multipliers over the last period, and an estimate of its distance to
-        that of the orbit itself; NaN where the motion is not periodic or has no derivative. See
-        `stable`.
+        that of the orbit itself. Both are NaN where the motion is not periodic or has no
+        derivative. See `stable`.
     rotation_number, rotation_error : float
-        For a quasi-periodic motion, the turns from a state to the next one on the same closed
-        curve, in (0, 1/2), and an estimate of the distance to the exact number; NaN for other
-        kinds. The curve has no orientation, so w and 1 - w are the same. Whole turns between states
-        are not visible in the states. The states are iterates of the map: impacts, or releases
-        where the motion sticks.
+        The turns of a quasi-periodic motion from a state to the next one on the same closed curve,
+        in (0, 1/2). The second number is an estimate of the distance to the exact one. Both are NaN
+        for other kinds. The curve has no orientation, so w and 1 - w are the same. Whole turns
+        between states are not visible in the states. The states are iterates of the map: impacts,
+        or releases where the motion sticks.
     curves : int
-        For a quasi-periodic motion, the number of closed curves that the states visit in turn, as
-        after a Neimark-Sacker bifurcation of an orbit of that many iterates; zero for other kinds.
+        For a quasi-periodic motion, the number of closed curves that the states visit in turn. A
+        Neimark-Sacker bifurcation of an orbit of n iterates gives n curves. Zero for other kinds.
         The rotation number belongs to that many iterates, which return to the same curve. Where
         they take m periods of the forcing on average, the turns per period are the rotation number
         divided by m.
@@ -163,9 +163,9 @@ class OrbitLabel:
     def counts(self) -> dict[str, float] | None:
         """Number of events in one period, by element and kind.
 
-        For an impact oscillator on P(n,m) or P(inf,m), the names are like those of its parameters:
-        ``table.impacts`` (infinite where they accumulate) and ``table.contacts`` of hard stops,
-        ``presses`` of soft stops and ``sticks`` of friction. Contacts, presses and sticks count
+        For an impact oscillator on P(n,m) or P(inf,m), the names are like those of its parameters.
+        Hard stops have ``table.impacts`` (infinite where they accumulate) and ``table.contacts``,
+        soft stops ``presses``, and friction ``sticks``. Contacts, presses and sticks count
         beginnings, so an element that always sticks counts zero. Computed when first read. None for
         motions that are not periodic, and for maps.
         """

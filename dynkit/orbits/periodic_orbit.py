@@ -49,8 +49,9 @@ def periodic_orbit(system: SmoothMap, guess: Any, *, period: int | None = None) 
     NoMotion
         When a guess of one state has fewer than n - 1 iterates.
     NoConvergence
-        When Newton's method does not converge to an orbit, or, of a flow or a machine, to one of a
-        continuous family, as where an energy is conserved or friction never slips.
+        When Newton's method does not converge to an orbit. For a flow or a machine, also when it
+        converges to an orbit of a continuous family, as where an energy is conserved or friction
+        never slips.
 
     Examples
     --------

@@ -78,8 +78,8 @@ def sweep(
     Raises
     ------
     ValueError
-        When an argument is refused, before any simulation or writing; for example a store of
-        another sweep, of another version, damaged, or in use. When a system refuses a state or a
+        When an argument is refused, before any simulation or writing. A store is refused if it is
+        of another sweep or another version, damaged, or in use. When a system refuses a state or a
         value during the run; the store keeps finished values.
     dynkit.WorkerLost
         When a worker died and its executor does not replace it; the store keeps finished values.

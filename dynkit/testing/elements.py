@@ -226,10 +226,10 @@ element_checks: tuple[ElementCheck, ...] = (
 def check_element(element: Any, machine: Any) -> None:
     """Check that an element keeps its contract, on a machine of your choice.
 
-    The checks are, in this order: it is a frozen value; its guards lead to regimes that exist; its
-    springs push back; its regimes last when they are entered; its numbers are parameters. Then the
-    machine must move as in a slow integration by SciPy's DOP853, and the element must create no
-    energy.
+    The checks are, in this order. The element is a frozen value, and its guards lead to regimes
+    that exist. Its springs push back, its regimes last when they are entered, and its numbers are
+    parameters. Then the machine must move as in a slow integration by SciPy's DOP853, and the
+    element must create no energy.
 
     Parameters
     ----------

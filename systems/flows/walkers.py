@@ -98,8 +98,8 @@ class CompassGait(SymbolicHybridFlow):
     ----------
     A. Goswami, B. Thuilot, B. Espiau, Compass-like biped robot, part I: stability and bifurcation
     of passive gaits, INRIA report 2996 (1996), equations 2.9, A.8 to A.10, A.18 and A.19. With the
-    default masses and lengths gaits of one step are stable up to a slope of 4.37 degrees there,
-    and period doublings lead to chaos (section 4.2); here the first doubling is at 4.391 degrees.
+    default masses and lengths, gaits of one step are stable there up to a slope of 4.37 degrees.
+    Period doublings then lead to chaos (section 4.2). Here the first doubling is at 4.391 degrees.
     The report does not print the gravity.
 
     Examples

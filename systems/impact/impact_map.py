@@ -151,8 +151,8 @@ class ImpactMap(DrivenStructure, Map):
         ----------
         position : (N,) array_like
             Positions; by default the shape of the first mode with modal amplitude one, the contact
-            coordinate on its side of zero (the start of Cusumano & Bai). If that position is beyond
-            a stop, or on a stop that moves towards it, the contact coordinate starts elsewhere: at
+            coordinate on its side of zero (the start of Cusumano & Bai). That position may be
+            beyond a stop, or on a stop that moves towards it. Then the contact coordinate starts at
             a distance of one from the stop, or half-way between two stops. Where the first mode has
             a node at the contact coordinate, only that coordinate is displaced. With several stops
             the default is the nearest position at which all gaps are one; where there is less room,

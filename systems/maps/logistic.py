@@ -11,7 +11,7 @@ class Logistic(SymbolicMap):
     """The logistic map: x' = rate x (1 - x).
 
     For rates in [0, 4] it maps [0, 1] into itself. Its fixed point 1 - 1/rate doubles its period at
-    rate 3, the cycle of period 2 at 1 + sqrt 6; a cycle of period 3 is born at 1 + sqrt 8.
+    rate 3, and the cycle of period 2 at 1 + sqrt 6. A cycle of period 3 is born at 1 + sqrt 8.
 
     Parameters
     ----------
@@ -45,8 +45,8 @@ class Logistic(SymbolicMap):
 class DelayedLogistic(SymbolicMap):
     """The logistic map with a delay: x' = rate x (s - y), y' = x.
 
-    The multipliers of its fixed point s - 1/rate are the roots of mu^2 - mu + rate s - 1: at rate s
-    = 2 an invariant circle is born (NS), on which the motion turns by pi/3 an iterate.
+    The multipliers of its fixed point s - 1/rate are the roots of mu^2 - mu + rate s - 1. At rate s
+    = 2 an invariant circle is born (NS). On it the motion turns by pi/3 in each iterate.
 
     Parameters
     ----------

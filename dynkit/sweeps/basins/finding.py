@@ -41,19 +41,19 @@ def basins(
     different orbits with the same label are separate attractors, and all motions on one orbit have
     the same attractor. A motion further than 1e-4 from its orbit is unsettled.
 
-    Chaotic motions have the same attractor when the median distance of 64 states of one to the
-    nearest of 2000 states of the other is less than three times that of 512 further states of the
-    other. Attractors that are closer than this are not separated. Where chaos ends within these
-    2512 states, the later motion decides. Quasi-periodic motions are compared in the same way,
-    after as many states as their labels examined.
+    Chaotic motions are compared by the median distance of 64 states of one to the nearest of 2000
+    states of the other. They have the same attractor when it is less than three times that of 512
+    further states of the other. Attractors that are closer than this are not separated. Where chaos
+    ends within these 2512 states, the later motion decides. Quasi-periodic motions are compared in
+    the same way, after as many states as their labels examined.
 
     Motions at rest are separated by the reasons of their endings.
 
     Of 1000 or more starts of an impact oscillator, a sample as large as the square root of their
     number is simulated first. Any other motion ends when it is within 1e-8 of a stable periodic
-    orbit of the sample, relative to the size of the orbit, and is so again a period later. The
-    first start of each basin is simulated to the end, and so is every motion that does not arrive
-    in this way.
+    orbit of the sample, now and a period later. The distance is relative to the size of the orbit.
+    The first start of each basin is simulated to the end, and so is every motion that does not
+    arrive in this way.
 
     A start on an unstable orbit stays there and is a basin of its own, whose label says
     ``unstable``. Motions near an unstable orbit are simulated for 20,000 more states, in which
@@ -84,8 +84,8 @@ def basins(
     Raises
     ------
     ValueError
-        When an argument is refused, before any simulation or writing; for example a store of other
-        starts, of another version, damaged, or in use. When no start is a state.
+        When an argument is refused, before any simulation or writing. A store is refused if it is
+        of other starts or another version, damaged, or in use. When no start is a state.
     dynkit.WorkerLost
         When a worker died and its executor does not replace it; the store keeps finished starts.
     OSError

@@ -64,8 +64,8 @@ def parameter_map(
     Raises
     ------
     ValueError
-        When an argument is refused, before any simulation or writing; for example a store of
-        another map, of another version, damaged, or in use.
+        When an argument is refused, before any simulation or writing. A store is refused if it is
+        of another map or another version, damaged, or in use.
     dynkit.WorkerLost
         When a worker died and its executor does not replace it; the store keeps finished pairs.
     OSError

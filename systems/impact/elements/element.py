@@ -38,8 +38,8 @@ class Watch:
     """A guard of a regime: a linear function of the motion, positive while the regime lasts.
 
     It is ``gap * g + rate * g' + force * f + normal * n + stretch * e + level``. Here g is the
-    element's gap, f the force along its row while it holds or sticks, n the force of the closed
-    stop that is its normal, and e the stretch of the spring to its slider.
+    element's gap, and f the force along its row while it holds or sticks. The force of the closed
+    stop that is its normal is n, and e is the stretch of the spring to its slider.
 
     Attributes
     ----------

@@ -24,7 +24,7 @@ class DryFriction(Element):
     slope w. It sticks, w = 0, as long as this requires at most the static force. An impact that
     changes w makes it slip, since friction forces are finite and transmit no impulse.
 
-    With a coefficient in place of a force, friction acts at the contact with a hard stop: the force
+    With a coefficient in place of a force, friction acts at the contact with a hard stop. The force
     is the coefficient times the contact force, and zero while the stop is open. An impact at the
     stop takes as much from w as its impulse times the coefficient can, at most until w is zero
     (Coulomb's law for impulses).

@@ -72,9 +72,9 @@ class ImpactLaw(ABC):
     def tail(self) -> tuple[float, float, float, float, float]:
         """How slow impacts rebound: (r(0+), C, p, E, q).
 
-        Where r(0+) = 1 the law is 1 - C u^p + E u^q + ..., p < q, and its chatter ends for p < 1.
-        C is zero where it does not, or where p is less than 0.1 or there is no such power: then no
-        chatter is cut, and all of its bounces are followed.
+        Where r(0+) = 1 the law is 1 - C u^p + E u^q + ..., p < q, and its chatter ends for p < 1. C
+        is zero where it does not, where p is less than 0.1, or where there is no such power. Then
+        no chatter is cut, and all of its bounces are followed.
         """
         from dynkit.systems.impact.elements.law_programs import tail_of
 

@@ -71,12 +71,13 @@ class ImpactOrbit(KeptSolution, PeriodicOrbit):
     positions and velocities at the beginning of each period of the forcing. For the cycle of an
     undriven machine they are those just after its events, with phases counted from the first one.
 
-    The unknowns of P(n,m) are phases and impulses, (2n,). In two cases they are the phases of the
-    events, the impulses of the impacts among them, and positions, velocities and places of sliders
-    just before the first event: some motion has no restoring force, or the machine has other
-    elements than hard stops. Those of P(inf,m) are the phases of releases and of the impacts before
-    the chatters, the impulses of these, and positions and velocities just before each release. An
-    orbit is admissible when simulation from each of its states finds the next one.
+    The unknowns of P(n,m) are phases and impulses, (2n,). The unknowns are others where some motion
+    has no restoring force, or the machine has other elements than hard stops. Then they are the
+    phases of the events, the impulses of the impacts among them, and positions, velocities and
+    places of sliders just before the first event. Those of P(inf,m) are the phases of releases and
+    of the impacts before the chatters, the impulses of these, and positions and velocities just
+    before each release. An orbit is admissible when simulation from each of its states finds the
+    next one.
     """
 
     _problem: OrbitEquations

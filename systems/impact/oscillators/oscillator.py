@@ -275,12 +275,12 @@ class ImpactOscillator(ImpactMap):
         starts from 200 random guesses, which are the same in every call. Admissible orbits come
         first, then those with larger impulses.
 
-        Sticking orbits are searched from releases of simulated motions, which are also the same in
-        every call: from rest on the table, from random states on the table, and from the default
-        start.
+        Sticking orbits are searched from releases of simulated motions. These start from rest on
+        the table, from random states on the table, and from the default start, and are the same in
+        every call.
 
         Where energies are not quadratic, or other elements act than a table of one coordinate,
-        there is no closed form: the search is that of `find_orbits`, and sticking orbits are
+        there is no closed form. Then the search is that of `find_orbits`. Sticking orbits are
         searched from those of its motions that stick.
 
         Raises
@@ -311,10 +311,10 @@ class ImpactOscillator(ImpactMap):
         dimensions. Inadmissible orbits with n >= 2 are found only by chance.
 
         With other elements than a table of one coordinate, and where energies are not quadratic,
-        Newton's method starts from close returns alone, for all n: of 1000 impacts from the default
-        start, and 200 from each of 10 random starts, in parts of 200. Motions that stick to a hard
-        stop are left out. Without a hard stop an orbit of m periods is P(m,m), and returns are
-        those after m periods.
+        Newton's method starts from close returns alone, for all n. These are returns of 1000
+        impacts from the default start, and of 200 from each of 10 random starts, in parts of 200.
+        Motions that stick to a hard stop are left out. Without a hard stop an orbit of m periods is
+        P(m,m), and returns are those after m periods.
 
         Parameters
         ----------
