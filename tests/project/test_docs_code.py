@@ -116,6 +116,7 @@ def test_output_agrees_to_the_digits_that_are_shown() -> None:
         "docs/index.md",
         "docs/coming-from.md",
         "docs/concepts/chatter.md",
+        "docs/concepts/quasi-periodic.md",
         "docs/concepts/continuum.md",
         *(
             f"{HOW_TO}{name}.md"
