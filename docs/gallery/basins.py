@@ -14,4 +14,4 @@ phases = np.linspace(0.0, 2.0 * np.pi, 60)
 velocities = np.linspace(-2.0, 2.0, 60)
 starts = [[[0.0, v, p] for v in velocities] for p in phases]
 found = basins(pair, starts, transient=200, keep=40, progress=False)
-found.plot().set(xlabel="phase at the start", ylabel="velocity at the start")
+found.plot()

@@ -18,7 +18,7 @@ from dynkit.continuation.solution_curve import SolutionCurve
 from dynkit.continuation.termination import Ending
 from dynkit.core.cost import Cost
 from dynkit.core.reprs import Facts, system_repr
-from dynkit.core.validation import Array, read_only
+from dynkit.core.validation import Array, one_of, read_only
 from dynkit.data.dataset import Dataset, Variables
 from dynkit.orbits.equations import Problem
 from dynkit.orbits.spectrum import Spectrum
@@ -202,6 +202,11 @@ class Branch(Viewed, SolutionCurve):
             Axes to draw into; by default those of a new figure.
         y : str, optional
             Name of an observable; by default the system's first.
+
+        Raises
+        ------
+        ValueError
+            When there is no such observable, or the branch was loaded without an orbit.
         """
         from dynkit.continuation.drawing import draw_branches
 
@@ -215,7 +220,7 @@ class Branch(Viewed, SolutionCurve):
 
     def _line(self, y: str | None) -> Line:
         """Return the line that is drawn, by default of the system's first observable."""
-        name = y or self._default
+        name = self._default if y is None else one_of("y", y, self.orbit(0).observables)
         rows, nodes = self.observable(name), nodes_of(len(self), self.bifurcations)
         points = [
             (self.parameter[int(place)], rows[int(place)])

@@ -184,14 +184,14 @@ class Network(Viewed, Saved):
         Raises
         ------
         ValueError
-            When there are no branches, or they were loaded without orbits.
+            When there are no branches or no such observable, or they were loaded without orbits.
         """
         from dynkit.continuation.drawing import draw_branches
         from dynkit.plotting.figures import COLUMN_WIDTH
 
         if not self.branches:
             raise ValueError("network must have a branch to be drawn; got none")
-        lines = [branch._line(y or self._common) for branch in self.branches]
+        lines = [branch._line(self._common if y is None else y) for branch in self.branches]
         return draw_branches(lines, ax, 2.0 * COLUMN_WIDTH, 4.2)
 
     @property

@@ -148,8 +148,21 @@ def _shortened(value: object, digits: int | None = None) -> str:
     if len(text) <= _LONGEST:
         return text
     if any(dataclasses.is_dataclass(item) for item in value):
-        return f"({', '.join(type(item).__name__ for item in value)})"
+        return f"({', '.join(map(_kind, value))})"
     return f"<{' x '.join(map(str, _shape(value)))} numbers>"
+
+
+def _kind(item: object) -> str:
+    """Return the class of an element, and its name if it has one.
+
+    Examples
+    --------
+    >>> from dynkit.systems import HardStop
+    >>> print(_kind(HardStop(0, name="wall")), _kind(HardStop(0)))
+    HardStop 'wall' HardStop
+    """
+    name = getattr(item, "name", "")
+    return f"{type(item).__name__} {name!r}" if name else type(item).__name__
 
 
 # --- tables ---------------------------------------------------------------------------------------

@@ -55,8 +55,8 @@ class Map(SmoothMap):
 
     10. `observables`, the names of a state's observables, and ``attractor(start=...,
         transient=..., keep=...)``, an `Attractor` with these observables.
-    11. `default_start`, the start when none is given; `start_size` and ``state_from(numbers)``, the
-        start with these numbers.
+    11. `default_start`, the start when none is given; `start_size`, `start_names` and
+        ``state_from(numbers)``, the start with these numbers.
     12. ``pack_state(state)``, an array of finite floats whose length is the same at all values of
         the parameters, and ``unpack_state(packed)``, the same state again, from which `attractor`
         gives the same bits. A state from other values of the parameters is first converted to a
@@ -183,6 +183,11 @@ class Map(SmoothMap):
     def start_size(self) -> int:
         """Number of numbers that `state_from` takes."""
         return self.dimension
+
+    @property
+    def start_names(self) -> Sequence[str]:
+        """Names of the numbers that `state_from` takes; figures of basins have them as axes."""
+        return tuple(f"state[{i}]" for i in range(self.start_size))
 
     def state_from(self, numbers: Array) -> Any:
         """Return the start with these numbers, (`start_size`,).

@@ -39,6 +39,13 @@ SYMBOLS: Mapping[str, str] = {
 """Symbols of parameters and observables on axes."""
 
 
+_COORDINATES = {
+    "state": ("state", "z"),
+    "position": ("displacement", "x"),
+    "velocity": ("velocity", "v"),
+}
+
+
 def axis_title(name: str, symbols: Mapping[str, str] | None = None) -> str:
     """Return the title of the axis of a parameter or an observable: words, and its symbol if any.
 
@@ -47,8 +54,9 @@ def axis_title(name: str, symbols: Mapping[str, str] | None = None) -> str:
     >>> axis_title("relative_velocity"), axis_title("belt.force"), axis_title("state[0]")
     ('relative velocity $u$', 'belt force', 'state $z_{1}$')
     """
-    if coordinate := re.fullmatch(r"state\[(\d+)\]", name):
-        return f"state $z_{{{int(coordinate[1]) + 1}}}$"
+    if coordinate := re.fullmatch(r"(state|position|velocity)\[(\d+)\]", name):
+        word, letter = _COORDINATES[coordinate[1]]
+        return f"{word} ${letter}_{{{int(coordinate[2]) + 1}}}$"
     words = name.replace("_", " ").replace(".", " ")
     symbol = {**SYMBOLS, **(symbols or {})}.get(name)
     return f"{words} ${symbol}$" if symbol else words

@@ -189,6 +189,12 @@ class ImpactMap(DrivenStructure, Map):
         """Number of arguments of `state_from`: 2N + 1."""
         return 2 * self.degrees_of_freedom + 1
 
+    @property
+    def start_names(self) -> tuple[str, ...]:
+        """Names of the arguments of `state_from`."""
+        each = range(self.degrees_of_freedom)
+        return (*(f"{name}[{i}]" for name in ("position", "velocity") for i in each), "phase")
+
     def state_from(self, numbers: Array) -> ImpactState:
         """Return the `state` with these N positions, N velocities and phase, (2N + 1,).
 

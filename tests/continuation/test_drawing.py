@@ -127,6 +127,14 @@ def test_axes_are_named(branch: Branch) -> None:
     assert (ax.get_xlabel(), ax.get_ylabel()) == ("p", "state $z_{1}$")
 
 
+def test_an_observable_that_does_not_exist_is_refused_by_the_name_of_the_argument(
+    branch: Branch,
+) -> None:
+    for unknown in ("energy", ""):
+        with pytest.raises(ValueError, match=rf"^y must be one of: state\[0\].*; got '{unknown}'$"):
+            branch.plot(axes(), y=unknown)
+
+
 def test_another_observable_is_drawn() -> None:
     made = continue_orbit(henon(), "a", bounds=(0.05, 1.4))
     ax = made.plot(axes(), y="state[1]")

@@ -11,6 +11,7 @@ from dynkit.analysis import BifurcationDiagram, ImpactSection, TimeSeries
 from dynkit.core.validation import Array
 from dynkit.dynamics.map import Map
 from dynkit.plotting.figures import new_figure
+from dynkit.plotting.points import PHASE
 from dynkit.systems import (
     BouncingBall,
     Henon,
@@ -134,5 +135,5 @@ def test_basins_are_drawn_over_the_coordinate_that_ascends() -> None:
     pair = PlayOscillator(play=1.0, amplitude=0.2, frequency=1.0, restitution=0.5)
     starts = [[[0.1 * np.sin(3.0 * p), v, p] for v in (0.1, 0.2, 0.3)] for p in phases]
     axes = basins(pair, starts, transient=20, keep=10, progress=False).plot(new_figure()[1][0])
-    assert (axes.get_xlabel(), axes.get_ylabel()) == ("start[2]", "start[1]")
+    assert (axes.get_xlabel(), axes.get_ylabel()) == (PHASE, "velocity $v_{1}$")
     assert axes.get_xlim() == (-0.25, 2.25)

@@ -216,7 +216,7 @@ def test_motions_that_rest_are_told_by_their_ends() -> None:
     found = basins(chain, [[0.1, 0.0, 0.0], [-0.5, 0.1, 0.0]], **BRIEF)
     (basin,) = found.basins
     assert basin.label.kind is OrbitKind.AT_REST
-    assert basin.ending == "the mass cannot reach the table any more"
+    assert basin.ending == "no mass can reach a stop any more"
     assert basin.count == 2
 
 

@@ -89,7 +89,7 @@ def test_basins_are_drawn_over_the_coordinates_that_change() -> None:
     _, (axes,) = new_figure()
     found = attracted()
     found.plot(axes)
-    assert (axes.get_xlabel(), axes.get_ylabel()) == ("start[0]", "start[1]")
+    assert (axes.get_xlabel(), axes.get_ylabel()) == ("state $z_{1}$", "state $z_{2}$")
     assert legend(axes) == ["0: P(4)", "runs away"]
     (line,) = axes.lines
     assert np.array_equal(np.asarray(line.get_xydata()), found.basins[0].states)

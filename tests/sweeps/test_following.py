@@ -93,4 +93,4 @@ def test_what_a_motion_that_ended_has_not_got_is_nan() -> None:
 def test_endings_say_why_a_motion_ended() -> None:
     chain = CHAIN.replace(amplitude=0.0, offset=-2.0)
     found = sweep(chain, "frequency", [0.5, 0.6], **SHORT)
-    assert found.endings == ("the mass cannot reach the table any more",) * 2
+    assert found.endings == ("no mass can reach a stop any more",) * 2

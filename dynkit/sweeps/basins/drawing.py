@@ -30,13 +30,17 @@ def _others() -> dict[int, Region]:
 
 
 def draw_basins(
-    basins: Sequence[Basin], starts: Array, numbers: NDArray[np.int64], ax: Axes | None
+    basins: Sequence[Basin],
+    starts: Array,
+    numbers: NDArray[np.int64],
+    coordinates: Sequence[str],
+    ax: Axes | None,
 ) -> Axes:
-    """Draw basins of starts; see `Basins.plot`."""
+    """Draw basins of starts, whose coordinates have these names; see `Basins.plot`."""
     if numbers.ndim == 1:
         return _draw_fractions(basins, numbers, ax)
     (first, x), (second, y) = (axis_of(starts, axis) for axis in (0, 1))
-    names = name_of(first, 0), name_of(second, 1)
+    names = name_of(coordinates, first, 0), name_of(coordinates, second, 1)
     axes = draw_regions(ax, (x, y), names, *regions_of(basins, numbers))
     size = starts.shape[-1]
     for basin in basins:
@@ -83,9 +87,9 @@ def axis_of(starts: Array, axis: int) -> tuple[int, Array]:
     return (steady + found + [(-1, np.arange(len(other), dtype=np.float64))])[0]
 
 
-def name_of(coordinate: int, axis: int) -> str:
+def name_of(coordinates: Sequence[str], coordinate: int, axis: int) -> str:
     """Return the name of an axis with a coordinate, or with indices where that is -1."""
-    return f"start[{coordinate}]" if coordinate >= 0 else f"starts, axis {axis}"
+    return coordinates[coordinate] if coordinate >= 0 else f"starts, axis {axis}"
 
 
 def _draw_fractions(basins: Sequence[Basin], numbers: NDArray[np.int64], ax: Axes | None) -> Axes:

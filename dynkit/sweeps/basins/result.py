@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any, ClassVar, final
 
@@ -134,6 +135,14 @@ class Basins(Viewed, Saved):
             raise ValueError("system must be given to Basins.load to get motions back; got None")
         return self._look.motion(self.starts[self._place(place)])
 
+    @property
+    def coordinates(self) -> Sequence[str]:
+        """Names of the numbers of a start, (s,); ``start[0]`` and so on without a system."""
+        if self._look is None:
+            return [f"start[{i}]" for i in range(self.starts.shape[-1])]
+        names: Sequence[str] = self._look.system.start_names
+        return names
+
     def plot(self, ax: Axes | None = None) -> Axes:
         """Draw the basins, and return the axes.
 
@@ -147,7 +156,7 @@ class Basins(Viewed, Saved):
         """
         from dynkit.sweeps.basins.drawing import draw_basins
 
-        return draw_basins(self.basins, self.starts, self.numbers, ax)
+        return draw_basins(self.basins, self.starts, self.numbers, self.coordinates, ax)
 
     def _page(self, motions: int) -> Page:
         from dynkit.sweeps.basins.viewing import page_of

@@ -23,17 +23,18 @@ _COORDINATES = 8
 def page_of(found: Any, motions: int) -> Page:
     """Return the page of basins, and the motion on each attractor."""
     starts, numbers, title = found.starts, found.numbers, "Basins of attraction"
+    own = found.coordinates
     flat, group = starts.reshape(-1, starts.shape[-1]), numbers.ravel()
     if numbers.ndim == 2:
         cells, regions = regions_of(found.basins, numbers)
         (first, x), (second, y) = (axis_of(starts, axis) for axis in (0, 1))
-        names = name_of(first, 0), name_of(second, 1)
+        names = name_of(own, first, 0), name_of(own, second, 1)
         page = page_of_cells(title, names, (x, y), cells, css_of(regions))
     else:
         widest = int(np.argmax(np.ptp(flat, axis=0)))
         page = Page(
             title=title,
-            names=(f"start[{widest}]", "attractor"),
+            names=(own[widest], "attractor"),
             track=np.zeros(len(flat), dtype=np.int64),
             look=np.full(len(flat), LOOKS.index("motion")),
             facts={},
@@ -42,7 +43,7 @@ def page_of(found: Any, motions: int) -> Page:
             y=group.astype(float),
         )
     facts = {
-        **{f"start[{i}]": column for i, column in enumerate(flat.T[:_COORDINATES])},
+        **dict(zip(own, flat.T[:_COORDINATES], strict=False)),
         "leads to": [found.outcome(*at) for at in np.ndindex(numbers.shape)],
         "attractor": np.where(group < 0, np.nan, group),
     }

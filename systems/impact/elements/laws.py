@@ -284,7 +284,7 @@ class ViscoelasticSpheres(ImpactLaw):
     >>> from dynkit.systems import BouncingBall, ViscoelasticSpheres
     >>> ball = BouncingBall(frequency=3.0, restitution=ViscoelasticSpheres(0.3), amplitude=0.0)
     >>> ball.simulate(impacts=1000).ending.value
-    'the mass stays on the table for ever'
+    'the mass stays on the stop for ever'
     """
 
     dissipation: float

@@ -58,7 +58,7 @@ class BouncingBall(ImpactOscillator):
     --------
     >>> ball = BouncingBall(amplitude=0.1, frequency=3.0, restitution=0.5)
     >>> ball.attractor().ending.value
-    'the mass stays on the table for ever'
+    'the mass stays on the stop for ever'
     >>> print(ball.replace(amplitude=0.16).attractor().label)
     P(inf,1)
     """

@@ -59,7 +59,7 @@ class SingleImpactOscillator(ImpactOscillator):
     >>> round(distant.grazing_force, 6)
     1.500533
     >>> distant.attractor().ending.value
-    'the mass cannot reach the table any more'
+    'no mass can reach a stop any more'
     """
 
     damping_ratio: float = 0.05

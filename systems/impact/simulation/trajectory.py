@@ -26,10 +26,10 @@ class Ending(Enum):
     """Why a simulation ended; the value of each is what the user reads."""
 
     COUNT_REACHED = "the number of impacts was reached"
-    NO_FURTHER_CONTACT = "the mass cannot reach the table any more"
-    CONTACT_FOR_EVER = "the mass stays on the table for ever"
+    NO_FURTHER_CONTACT = "no mass can reach a stop any more"
+    CONTACT_FOR_EVER = "the mass stays on the stop for ever"
     SEARCH_LIMIT = "no further impact was found within the search limit"
-    DIED_OUT = "the motion has died out on the table, its impacts too small for doubles"
+    DIED_OUT = "the motion has died out on the stop, its impacts too small for doubles"
     JAMMED = "the machine is jammed: a stop is in the way of what others hold"
     COLLAPSED = "stops are hit in turn without end, and in no time"
     HANGS = "a mass hangs at the edge of a preloaded stop, which it crosses without end"
