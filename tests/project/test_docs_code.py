@@ -118,12 +118,14 @@ def test_output_agrees_to_the_digits_that_are_shown() -> None:
         "docs/concepts/chatter.md",
         "docs/concepts/quasi-periodic.md",
         "docs/concepts/continuum.md",
+        "docs/mathematics/certified-root.md",
         *(
             f"{HOW_TO}{name}.md"
             for name in (
                 "keep-results",
                 "look-in-the-browser",
                 "make-a-structure",
+                "find-all-orbits",
                 "add-stops-and-friction",
                 "write-your-own-map-or-flow",
                 "write-your-own-element",
