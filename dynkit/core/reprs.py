@@ -120,7 +120,7 @@ def _arguments(system: Any) -> list[tuple[str, object, object]]:
     return [
         (entry.name, getattr(system, entry.name), entry.default)
         for entry in dataclasses.fields(system)
-        if entry.repr
+        if entry.repr and entry.name not in getattr(system, "_unshown", ())
     ]
 
 

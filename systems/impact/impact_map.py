@@ -133,6 +133,11 @@ class ImpactMap(DrivenStructure, Map):
         return {name: number for name, number in own.items() if "." in name}
 
     @property
+    def _unshown(self) -> tuple[str, ...]:
+        """Arguments that the first of the elements gives."""
+        return OF_TABLE if self.elements else ()
+
+    @property
     def _arguments(self) -> tuple[str, ...]:
         return _arguments_of(type(self))
 

@@ -111,3 +111,18 @@ def test_too_many_masses_are_refused() -> None:
         ValueError, match="degrees_of_freedom must not exceed 20 in a sketch; got 21"
     ):
         long.animate(frames=2)
+
+
+def test_an_orbit_moves_through_one_period() -> None:
+    orbit = ImpactChain(masses=3, frequency=0.8).periodic_orbit()
+    film = orbit.animate(frames=2)
+    assert "<input" in film.to_jshtml()
+    below = film._fig.axes[1]  # type: ignore[attr-defined]
+    assert below.lines[0].get_xdata()[[0, -1]] == pytest.approx([0.0, orbit.period])
+    np.testing.assert_allclose(below.lines[0].get_ydata()[[0, -1]], orbit.sample([0, 0])[0][:, -1])
+
+
+def test_an_orbit_that_is_no_motion_does_not_move() -> None:
+    orbit = ImpactChain(masses=3, frequency=0.8).periodic_orbit(periods=2)
+    with pytest.raises(ValueError, match=r"^orbit must be admissible, a motion .*inadmissible"):
+        orbit.animate()

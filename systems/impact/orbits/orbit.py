@@ -18,9 +18,11 @@ from dynkit.systems.impact.simulation.state import TWO_PI
 from dynkit.viewer.series import Series
 
 if TYPE_CHECKING:
+    from matplotlib.animation import FuncAnimation
     from matplotlib.axes import Axes
 
     from dynkit.systems.impact.impact_map import ImpactMap
+    from dynkit.systems.impact.records.record import ImpactRecord
 
 NONE = np.empty(0)
 """Values of the free parameters where there are none."""
@@ -289,3 +291,45 @@ class ImpactOrbit(KeptSolution, PeriodicOrbit):
         begin, ends = float(self.phases[0]), [] if self.sticks else [self.period]
         impacts = np.append(self.bounces[:, 0], ends)
         return draw(ax, self.system, self.sample, begin, self.period, impacts)
+
+    def animate(self, *, frames: int = 100, element: str | None = None) -> FuncAnimation:
+        """Animate the machine over one period: its sketch in motion, above a time series.
+
+        The motion is simulated from the first state. See `ImpactRecord.animate`.
+
+        Parameters
+        ----------
+        frames : int
+            Number of frames, at equal times; 25 of them are shown in a second.
+        element : str, optional
+            Name of the element of the time series; by default the first hard stop, else the first
+            element.
+
+        Returns
+        -------
+        matplotlib.animation.FuncAnimation
+            Its ``save`` writes GIF and MP4 files. A notebook shows it with controls.
+
+        Raises
+        ------
+        ValueError
+            When the orbit is not admissible, or as in `ImpactRecord.animate`.
+
+        Examples
+        --------
+        >>> from dynkit.systems import ImpactChain
+        >>> orbit = ImpactChain(masses=3, frequency=0.8).periodic_orbit()
+        >>> film = orbit.animate(frames=3)  # film.save("orbit.gif", writer="pillow") writes it
+        >>> "<input" in film.to_jshtml()
+        True
+        """
+        if not self.admissible:
+            raise ValueError(f"orbit must be admissible, a motion of the machine; got {self!r}")
+        if self._problem.driven:
+            start = self.system.impact_state(self.states[0])
+        else:
+            (position,), (velocity,) = self.sample([0.0])
+            start = self.system.state(position, velocity)
+        motion = self.system.attractor(start=start, transient=0, impacts=1)
+        record: ImpactRecord = motion.record_until(self.period)
+        return record.animate(begin=0.0, end=self.period, frames=frames, element=element)
