@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Mapping, Sequence
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -119,6 +119,9 @@ def draw_diagram(
     across, up = dots(values, numbers)
     axes.plot(across, up, markersize=size, rasterized=True, color=ink(), **DOTS)
     axes.set(xlabel=names[0], ylabel=names[1])
+    if not len(across):
+        middle: Any = {"horizontalalignment": "center", "verticalalignment": "center"}
+        axes.text(0.5, 0.5, "no states", color=ink(0.4), transform=axes.transAxes, **middle)
     grid = np.unique(values)
     if len(grid) > 1:  # half a step of margin for the dots at the ends
         first, last = 0.5 * (grid[1] - grid[0]), 0.5 * (grid[-1] - grid[-2])

@@ -130,6 +130,13 @@ def test_a_sweep_is_drawn_as_its_diagram_without_labels() -> None:
     assert (ours.get_xlim(), len(ours.texts)) == (theirs.get_xlim(), 0)
 
 
+def test_a_sweep_of_motions_without_impacts_says_so() -> None:
+    high = ImpactChain(masses=1, offset=-9.0, frequency=0.9)
+    found = sweep(high, "frequency", [0.8, 0.9], progress=False)
+    (text,) = found.plot(new_figure()[1][0]).texts
+    assert text.get_text() == "no states"
+
+
 def test_basins_are_drawn_over_the_coordinate_that_ascends() -> None:
     phases = np.linspace(0.0, 2.0, 5)  # both sin(3 phase) and the phase change along the first axis
     pair = PlayOscillator(play=1.0, amplitude=0.2, frequency=1.0, restitution=0.5)

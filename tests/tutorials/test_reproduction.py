@@ -47,6 +47,12 @@ def cells(report: str, first: str) -> list[str]:
     return [cell.strip() for cell in str(row).strip("|").split("|")]
 
 
+def finding(report: str, what: str) -> list[str]:
+    """The cells of a row of the summary, from its name on."""
+    (row,) = re.findall(rf"^\| [^|]* \| ({re.escape(what)} \|.*) \|$", report, flags=re.MULTILINE)
+    return [cell.strip() for cell in str(row).split("|")]
+
+
 @pytest.fixture
 def report(results: Path) -> str:
     return (results / "report.md").read_text()
@@ -55,7 +61,7 @@ def report(results: Path) -> str:
 def test_reproduce_writes_a_report_and_each_figure_twice(results: Path) -> None:
     figures = {f"{name}.{end}" for name in ITEMS if name[:6] == "figure" for end in ("png", "svg")}
     expected = figures - {f"{name}.{end}" for name in LONG for end in ("png", "svg")}
-    expected |= {"report.md", "report.html"}
+    expected |= {"report.md", "report.html", "machine.png", "machine.svg"}
     assert {path.name for path in results.iterdir()} == expected
 
 
@@ -66,7 +72,17 @@ def test_reproduced_figures_are_small(results: Path) -> None:
 
 def test_report_embeds_every_figure(results: Path, report: str) -> None:
     embedded = re.findall(r"!\[.*\]\((.*)\)", report)
-    assert sorted(embedded) == sorted(path.name for path in results.glob("*.png"))
+    assert embedded[:2] == ["machine.png", "figure-4.png"]
+    assert sorted(set(embedded)) == sorted(path.name for path in results.glob("*.png"))
+
+
+def test_report_begins_with_what_was_found_and_what_differs(report: str) -> None:
+    heads = re.findall(r"^## (.*)$", report, flags=re.MULTILINE)
+    assert [re.sub(r" \(\d+\)", "", head) for head in heads[:2]] == ["Differences", "Agreements"]
+    differ = report.partition("## Differences")[2].partition("## Agreements")[0]
+    assert "| motion at 0.40816 |" in differ
+    assert "| labels along the sweep |" not in differ
+    assert re.search(r"Of \d+ results that can be compared with the paper, \d+ agree\.", report)
 
 
 def test_report_says_what_was_left_out(report: str) -> None:
@@ -79,7 +95,7 @@ def test_report_tells_each_natural_frequency(report: str) -> None:
 
 
 def test_report_finds_the_expected_labels(report: str) -> None:
-    assert cells(report, "labels along the sweep")[2] == "14 of 14 agree"
+    assert finding(report, "labels along the sweep")[2] == "14 of 14 agree"
 
 
 def test_report_finds_the_ratios_at_the_restitution(report: str) -> None:
@@ -88,7 +104,7 @@ def test_report_finds_the_ratios_at_the_restitution(report: str) -> None:
 
 @pytest.mark.parametrize("constant", ["amplitude", "velocity"])
 def test_report_finds_the_peaks(constant: str, report: str) -> None:
-    low, high = cells(report, f"peaks, constant {constant}")[2].split(" and ")
+    low, high = finding(report, f"peaks, constant {constant}")[2].split(" and ")
     assert float(low) == pytest.approx(0.202, abs=0.0021)
     assert float(high) == pytest.approx(0.408, abs=0.0021)
 
@@ -100,7 +116,7 @@ def test_report_finds_the_peaks(constant: str, report: str) -> None:
 def test_report_tells_where_the_paper_does_not_hold(
     frequency: str, found: str, report: str
 ) -> None:
-    assert cells(report, f"motion at {frequency}")[2].startswith(found)
+    assert finding(report, f"motion at {frequency}")[2].startswith(found)
 
 
 def test_report_says_which_statements_of_the_paper_do_not_hold(report: str) -> None:
@@ -116,7 +132,8 @@ def test_report_measures_how_slowly_the_sticking_motion_settles(report: str) -> 
 def test_reproduce_of_some_items_writes_only_these(tmp_path: Path) -> None:
     folder = tmp_path / "here" / "results"
     main(["--out", str(folder), "--only", "table-a1"])
-    assert sorted(path.name for path in folder.iterdir()) == ["report.html", "report.md"]
+    files = ["machine.png", "machine.svg", "report.html", "report.md"]
+    assert sorted(path.name for path in folder.iterdir()) == files
 
 
 @pytest.mark.parametrize(

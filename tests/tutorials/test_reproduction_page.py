@@ -26,6 +26,7 @@ class Page(HTMLParser):
         self.cells: list[str] = []
         self.sources: list[str] = []
         self.references: list[str] = []
+        self.folded: list[bool] = []
         self.words = ""
         self.feed(text)
 
@@ -35,6 +36,7 @@ class Page(HTMLParser):
         if tag in ("td", "th"):
             self.cells.append("")
         given = dict(attrs)
+        self.folded += ["open" not in given] if tag == "details" else []
         self.sources += [given["src"] or ""] if "src" in given else []
         self.references += [given["href"] or ""] if "href" in given else []
 
@@ -49,13 +51,18 @@ class Page(HTMLParser):
 
 @pytest.fixture
 def page(tmp_path: Path) -> Page:
-    (tmp_path / "figure-x.svg").write_bytes(DRAWING)
+    for name in ("machine", "figure-x"):
+        (tmp_path / f"{name}.svg").write_bytes(DRAWING)
     rows = [["1", "a < b & c"], ["2", "`code` and $\\omega_1$"]]
     section = Section(
         "figure-x",
         "Figure x: what is drawn",
         f"Some words.\n\n{table(['i', 'what'], rows)}",
-        [Finding("limit", "0.85", "0.8500", "2e-16")],
+        [
+            Finding("limit", "0.85", "0.8500", "2e-16", agrees=True),
+            Finding("label", "P(1,2)", "P(1,3)", "none", agrees=False),
+            Finding("cause", "unknown", "known", "none"),
+        ],
         ["figure-x"],
     )
     path = write_page(tmp_path / "x.html", "A & B", "Opening.", [section], [("Cost", "1 s")])
@@ -72,13 +79,22 @@ def test_the_page_needs_no_other_file_and_no_other_host(page: Page) -> None:
 
 
 def test_figures_are_in_the_page(page: Page) -> None:
-    (source,) = page.sources
-    assert b64decode(source.partition(",")[2]) == DRAWING
+    assert [b64decode(source.partition(",")[2]) for source in page.sources] == [DRAWING] * 2
 
 
 def test_cells_say_what_the_table_says(page: Page) -> None:
-    expected = ["what", "paper", "found", "error estimate", "limit", "0.85", "0.8500", "2e-16"]
-    assert page.cells == [*expected, "i", "what", "1", "a < b & c", "2", "code and ω1"]
+    assert page.cells[-6:] == ["i", "what", "1", "a < b & c", "2", "code and ω1"]
+
+
+def test_the_first_table_is_of_what_differs_and_the_others_are_folded(page: Page) -> None:
+    tables = [page.cells[k + 5 : k + 10] for k in (0, 10, 20)]
+    assert tables == [
+        ["Figure x", "label", "P(1,2)", "P(1,3)", "none"],
+        ["Figure x", "limit", "0.85", "0.8500", "2e-16"],
+        ["Figure x", "cause", "unknown", "known", "none"],
+    ]
+    assert page.folded == [False, True, True]
+    assert "Of 2 results that can be compared with the paper, 1 agree." in page.words
 
 
 def test_the_statement_of_the_paper_stands_beside_the_figure(page: Page) -> None:

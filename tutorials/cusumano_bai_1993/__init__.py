@@ -11,7 +11,7 @@ from pathlib import Path
 from tempfile import TemporaryFile
 from typing import TYPE_CHECKING, TextIO
 
-from tutorials.cusumano_bai_1993.paper import ITEMS
+from tutorials.cusumano_bai_1993.paper import FREQUENCIES, ITEMS
 
 if TYPE_CHECKING:
     from tutorials.cusumano_bai_1993.section import Section
@@ -67,7 +67,8 @@ def reproduce(out: str, only: Sequence[str] | None = None, *, log: TextIO) -> Pa
             note = ", meanwhile" if name in waiting else ""
             print(f"{sections[name].total:.1f} s{note}", file=log, flush=True)
     seconds = time.perf_counter() - began
-    report = write_report(folder, [sections[name] for name in names], workshop.warm_up(), seconds)
+    chain, made = workshop.chain(FREQUENCIES[0]), [sections[name] for name in names]
+    report = write_report(folder, chain, made, workshop.warm_up(), seconds)
     print(f"written: {report} ({seconds:.1f} s in all)", file=log)
     return report
 

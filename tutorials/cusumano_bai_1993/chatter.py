@@ -77,6 +77,7 @@ def figure_3(workshop: Workshop) -> Section:
                 f"{np.median(chatter.ratios[_LAST - 100 : _LAST]):.12g}; within {deviation:.0e} of "
                 f"{limit} from bounce {_FIRST} to {_LAST}",
                 f"{rounding:.0e}",
+                bool(abs(np.median(chatter.ratios[_LAST - 100 : _LAST]) - limit) < 0.005),
             )
         ],
         ["figure-3"],

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
@@ -62,7 +62,7 @@ def differences(workshop: Workshop) -> Section:
         with watch.time(name):
             text, finding, holds = look(workshop)
         parts.append(text)
-        findings.append(finding)
+        findings.append(replace(finding, agrees=holds))
         apart += [] if holds else [finding.what]
     return Section(
         "differences",

@@ -109,6 +109,10 @@ def _section(
                 " and ".join(f"{near:g}" for near in paper.PEAKS),
                 " and ".join(f"{at:g}" for at, _ in peaks),
                 f"step {paper.FREQUENCIES[2]:g}; states {error}",
+                all(
+                    f"{near:g}" == f"{at:g}"
+                    for near, (at, _) in zip(paper.PEAKS, peaks, strict=True)
+                ),
             )
         ],
         [item],

@@ -59,6 +59,7 @@ def table_a1(workshop: Workshop) -> Section:
                 f"{len(rows)} values, three decimals",
                 f"{agreeing} of {len(rows)} the same when rounded",
                 f"{worst:.0e}",
+                agreeing == len(rows),
             )
         ],
         seconds=watch.seconds,

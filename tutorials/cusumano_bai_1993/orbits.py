@@ -104,7 +104,15 @@ def _series_and_spectrum(workshop: Workshop, number: int, motion: paper.Shown) -
         f"figure-{number}",
         f"Figure {number}: {_name(motion, label)} in time and frequency",
         text,
-        [Finding(f"spectrum at {motion.frequency:g}", motion.spectrum, found.short, found.error)],
+        [
+            Finding(
+                f"spectrum at {motion.frequency:g}",
+                motion.spectrum,
+                found.short,
+                found.error,
+                motion.periods == (None if lines is None else label.periods),
+            )
+        ],
         [f"figure-{number}"],
         watch.seconds,
     )
@@ -258,18 +266,35 @@ def _sections(workshop: Workshop, number: int, motion: paper.Shown) -> Section:
         f"Figure {number}: {_name(motion, label)} in its sections",
         text,
         [
-            Finding(f"impact section {at}", motion.impacts, seen, error),
-            Finding(f"stroboscopic section {at}", motion.stroboscopic, points, error),
+            Finding(
+                f"impact section {at}", motion.impacts, seen, error, _same(motion.impacts, seen)
+            ),
+            Finding(
+                f"stroboscopic section {at}",
+                motion.stroboscopic,
+                points,
+                error,
+                _same(motion.stroboscopic, points),
+            ),
             Finding(
                 f"motions {paper.DISTANCE:g} apart {at}",
                 motion.parting,
                 parted,
                 "none" if label.periods is None else f"{impacts.error:.0e}",
+                None if motion.periods is None else label.periods is not None,
             ),
         ],
         [f"figure-{number}"],
         watch.seconds,
     )
+
+
+def _same(theirs: str, found: str) -> bool | None:
+    """Whether both say the same: the number of points, or the same words; None where one cannot."""
+    number = theirs.partition(" ")[0]
+    if number.isdigit():
+        return found.partition(" ")[0] == number
+    return True if theirs in found else None
 
 
 def _distances(attractor: ImpactAttractor, state: Array) -> Array:

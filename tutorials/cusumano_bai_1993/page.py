@@ -11,6 +11,7 @@ from string import Template
 from dynkit.data.atomic_files import whole
 from tutorials.cusumano_bai_1993.markdown import inline, to_html, to_table
 from tutorials.cusumano_bai_1993.section import LOOK, Section
+from tutorials.cusumano_bai_1993.summary import HEAD, found, groups, pictures
 
 
 def write_page(
@@ -34,18 +35,15 @@ def write_page(
     """
     links = [(section.item, section.title) for section in sections]
     nav = "".join(f'<a href="#{item}">{inline(name)}</a>' for item, name in links)
-    rows = [
-        [finding.what, finding.paper, finding.found, finding.error]
-        for section in sections
-        for finding in section.findings
-    ]
+    drawn = "".join(
+        _figure(path.parent / f"{name}.svg", title) for name, title in pictures(sections)
+    )
+    said = to_html(f"{found(sections)}\n\n{opening}")
     parts = [
         f"<h1>{inline(title)}</h1>",
-        to_html(opening),
+        f'<div class="beside drawn"><div>{drawn}</div><div>{said}</div></div>',
+        *(_group(name, rows) for name, rows in groups(sections)),
         f"<nav>{nav}</nav>",
-        "<section><h2>Summary</h2>",
-        to_table(["what", "paper", "found", "error estimate"], rows),
-        "</section>",
         *(_section(section, path.parent) for section in sections),
         *(f"<section><h2>{name}</h2>{to_html(text)}</section>" for name, text in closing),
     ]
@@ -53,6 +51,12 @@ def write_page(
     page = Template(template).substitute(title=escape(title), body="\n".join(parts))
     write_text(path, page)
     return path
+
+
+def _group(name: str, rows: Sequence[Sequence[str]]) -> str:
+    opened = " open" if name.startswith("Differences") else ""
+    body = to_table(HEAD, rows)
+    return f"<details{opened}><summary><h2>{inline(name)}</h2></summary>{body}</details>"
 
 
 def write_text(path: Path, text: str) -> None:

@@ -9,9 +9,11 @@ from importlib.metadata import version
 from pathlib import Path
 
 from dynkit import __version__
+from dynkit.systems import ImpactChain
 from tutorials.cusumano_bai_1993 import paper
 from tutorials.cusumano_bai_1993.page import write_page, write_text
 from tutorials.cusumano_bai_1993.section import LOOK, Section, table
+from tutorials.cusumano_bai_1993.summary import HEAD, draw_machine, found, groups, pictures
 
 _TITLE = "Cusumano & Bai (1993), reproduced"
 _OPENING = """\
@@ -23,14 +25,9 @@ All numbers found are computed by the run that wrote this report. All quantities
 
 
 def write_report(
-    folder: Path, sections: Sequence[Section], compiling: float, seconds: float
+    folder: Path, chain: ImpactChain, sections: Sequence[Section], compiling: float, seconds: float
 ) -> Path:
     """Write the report, as Markdown and as a page, and return the page's path."""
-    rows = [
-        [finding.what, finding.paper, finding.found, finding.error]
-        for section in sections
-        for finding in section.findings
-    ]
     times = [[section.item, f"{section.total:.2f}", _parts(section)] for section in sections]
     left_out = [item for item in paper.ITEMS if item not in [each.item for each in sections]]
     cost = [
@@ -43,11 +40,13 @@ def write_report(
     closing = "\n\n".join(cost)
     parts = [
         f"# {_TITLE}",
-        _OPENING,
-        "## Summary\n\n" + table(["what", "paper", "found", "error estimate"], rows),
+        *(f"![{title}]({name}.png)" for name, title in pictures(sections)),
+        f"{found(sections)}\n\n{_OPENING}",
+        *(f"## {name}\n\n{table(HEAD, rows)}" for name, rows in groups(sections)),
         *(_written(section) for section in sections),
         f"## Cost\n\n{closing}",
     ]
+    draw_machine(folder, chain)
     write_text(folder / "report.md", "\n\n".join(part.strip() for part in parts) + "\n")
     return write_page(folder / "report.html", _TITLE, _OPENING, sections, [("Cost", closing)])
 

@@ -20,12 +20,15 @@ class Finding:
     found : str
     error : str
         Estimate of the error of what was found.
+    agrees : bool or None
+        Whether both are the same; None where the paper gives nothing that can be compared.
     """
 
     what: str
     paper: str
     found: str
     error: str
+    agrees: bool | None = None
 
 
 @dataclass(frozen=True)

@@ -44,6 +44,7 @@ def figure_16(workshop: Workshop) -> Section:
         "(a) somewhat more complex than figure 13, (b) more than (a)",
         f"(a) {calm.bending}, (b) {wild.bending}; figure 13: {sticking.bending}",
         f"{calm.frequency_error:.0e}, {wild.frequency_error:.0e}",
+        sticking.frequency < calm.frequency < wild.frequency,
     )
     return _section(workshop, watch, "16", [calm, wild], finding)
 
@@ -59,6 +60,7 @@ def figure_17(workshop: Workshop) -> Section:
         f"the tip's velocity jumps by {found.part:.0f} % of its range; "
         f"figure 13: {sticking.part:.0f} %",
         f"{found.attractor.error:.0e}",
+        found.part > sticking.part,
     )
     return _section(workshop, watch, "17", [found], finding)
 

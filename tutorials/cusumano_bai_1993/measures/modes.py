@@ -113,6 +113,7 @@ def figure_15(workshop: Workshop) -> Section:
                 ", ".join(str(count) for count in theirs),
                 ", ".join(str(count) for count in counts),
                 f"shares {100.0 * max(pod.cumulative_errors.max() for _, _, pod in pods):.1g} %",
+                counts == theirs,
             )
         ],
         ["figure-15"],

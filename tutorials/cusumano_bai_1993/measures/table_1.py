@@ -246,12 +246,14 @@ def _findings(lines: Sequence[Line]) -> list[Finding]:
             ", ".join(str(line.row.modes) for line in held),
             ", ".join(str(line.modes) for line in held),
             f"shares {100.0 * error:.1g} %",
+            all(line.row.modes == line.modes for line in held),
         ),
         Finding(
             "2N + 1 within the bounds of the dimension",
             f"{paper.WITHIN} of {len(paper.TABLE_1)} rows",
             f"{within} of {len(held)} rows",
             "that of the dimensions",
+            within == paper.WITHIN,
         ),
     ]
     for line in held:
@@ -267,6 +269,7 @@ def _findings(lines: Sequence[Line]) -> list[Finding]:
                     f"{motion.spectrum.dimension:.2f}",
                     (f"{motion.dimension.error:.1g}; " if known else "")
                     + f"{motion.spectrum.dimension_error:.1g}",
+                    not _dimension_apart(line, ""),
                 )
             )
     return findings

@@ -175,6 +175,7 @@ def longer(chain: ImpactChain, second: Ridge) -> tuple[str, Finding]:
         "seen",
         f"{found}; {settled} from random starts",
         f"{len(sought)} searches",
+        bool(orbits),
     )
 
 
