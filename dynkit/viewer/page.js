@@ -10,7 +10,11 @@ const unpacked = (key, value) => {
 const data = JSON.parse($("data").textContent, unpacked);
 const {cells, looks, point, series} = data;
 const count = data.look.length, width = cells ? cells.y.length : 1;
-const words = name => name.replaceAll("_", " ").replaceAll(".", " ");
+const letters = { state: "z", position: "x", velocity: "v" };
+/* A parameter or observable in words; a coordinate, such as position[0], by its symbol, x₁. */
+const words = name => name.replaceAll("_", " ").replaceAll(".", " ").replace(
+  /^(state|position|velocity)\[(\d+)\]$/,
+  (_, kind, at) => letters[kind] + String(Number(at) + 1).replace(/\d/g, digit => "₀₁₂₃₄₅₆₇₈₉"[digit]));
 const safe = text => text.replaceAll("&", "&amp;").replaceAll("<", "&lt;");
 const number = value => String(Number(value.toPrecision(10)));
 

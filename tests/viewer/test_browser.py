@@ -170,6 +170,14 @@ def test_the_keyboard_moves_along_the_curve(tab: Tab) -> None:
     assert shown.value("$('facts').getAttribute('aria-live')") == "polite"
 
 
+def test_coordinates_of_starts_have_symbols(tab: Tab) -> None:
+    shown = tab(grid().view(show=False))
+    title = "$('diagram')._fullLayout.{}axis.title.text"
+    assert [shown.value(title.format(axis)) for axis in "xy"] == ["z₁", "z₂"]
+    shown.press("ArrowRight")
+    assert {"z₁", "z₂"} <= set(selected(shown))
+
+
 def test_keys_of_a_plane_move_between_cells(tab: Tab) -> None:
     shown = tab(plane().view(show=False))
     for key, place in (("ArrowRight", 5), ("ArrowUp", 6), ("ArrowDown", 5), ("End", 30)):
