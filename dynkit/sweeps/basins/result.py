@@ -39,8 +39,8 @@ class Basins(Viewed, Saved):
     numbers : (k1, k2) or (k,) array of int
         The number of each start's attractor, read-only. Attractors are numbered in the order of the
         first starts that lead to them. A negative number means no attractor. The numbers are -1
-        unsettled, -2 runs away, -3 comes to no next crossing, -4 no state of the system (such as a
-        position beyond the table), -5 cannot be followed.
+        unsettled, -2 runs away, -3 comes to no next crossing, -4 no state of the system, -5 cannot
+        be followed. A position beyond the table is no state.
     basins : tuple of Basin
         The attractors, by their numbers.
     cost : Cost
