@@ -243,6 +243,10 @@ class SmoothMap(Family, ABC):
         """
         return np.full(len(states), self.accuracy * float(abs(states).max(initial=0.0)))
 
+    def _reach(self, states: Array) -> float:  # noqa: ARG002
+        """Return the largest coordinate on the ways from states (n, d), where there are ways."""
+        return 0.0
+
     def stretching(self, state: Any, n: int, frame: Array | None = None) -> Stretching:
         """Return how the next n iterates stretch a frame of directions.
 

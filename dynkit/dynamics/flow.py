@@ -28,6 +28,9 @@ if TYPE_CHECKING:
 
 Basis: TypeAlias = "Callable[[Array], Array]"
 
+_STAGES, _TWINS = 8, 3
+"""Times at which motions are disturbed, and disturbed motions."""
+
 _HALVINGS = 7
 """An interval that stretches a frame unevenly is halved at most this number of times."""
 
@@ -340,6 +343,38 @@ class Flow(Family, ABC):
             derivative = self.derivative(state, duration)
         size = max(1.0, float(np.linalg.norm(derivative, 2)))
         return Part(end, derivative, size, max(off, self.accuracy * size))
+
+    def _disturbance(self, state: Array, sizes: Array) -> Array:  # noqa: ARG002
+        """Return the errors (d,) that a short motion makes near a state of a path.
+
+        `sizes` (d,) are the largest coordinates on the path.
+        """
+        return self.accuracy / _STAGES * sizes
+
+    def _path(self, state: Array, duration: float) -> Array:
+        """Return the states (n, d) at even times of a motion."""
+        path = [state]
+        for _ in range(_STAGES):
+            path.append(self.advance(path[-1], duration / _STAGES))
+        return np.array(path)
+
+    def _carried_error(self, path: Array, duration: float, last: Array) -> float:
+        """Return the error of the end of a path (n, d), as `last` (k, d) measures it.
+
+        It is a quarter of how far disturbed motions end from it, since four times `call_errors` are allowed for.
+
+        They are disturbed in each coordinate, with either sign, at the times of the path: what
+        grows on the way counts, though it may shrink again later.
+        """
+        sizes, worst = abs(path).max(axis=0), 0.0
+        for seed in range(_TWINS):
+            signs, twin = np.random.default_rng(seed), path[0]
+            for _ in path[1:]:
+                either = signs.choice((-1.0, 1.0), size=len(sizes))
+                disturbed = twin + either * self._disturbance(twin, sizes)
+                twin = self.advance(disturbed, duration / _STAGES)
+            worst = max(worst, float(np.linalg.norm(last @ (twin - path[-1]))))
+        return 0.25 * worst
 
     @abstractmethod
     def next_crossing(self, state: Array, section: PoincareSection, time_limit: float) -> Crossing:

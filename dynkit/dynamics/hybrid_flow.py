@@ -211,6 +211,17 @@ class ResetMap(Map):
         gap[..., turning] -= _TURN * np.rint(gap[..., turning] / _TURN)
         return gap
 
+    def call_errors(self, states: Array) -> Array:
+        """Return errors (n,) of the calls of states (n, d), by disturbed motions."""
+        found = []
+        for state in states:
+            hit = self.crossing(state)
+            path = self.flow._path(state, hit.time)
+            after = self._saltation(hit, np.eye(self.dimension))
+            least = self.accuracy * float(abs(path).max())
+            found.append(max(least, self.flow._carried_error(path, hit.time, after)))
+        return np.array(found)
+
     @cached_property
     def _surface(self) -> Any:
         return _GuardSurface(self.flow)

@@ -134,6 +134,29 @@ class PoincareMap(Map):
         """Error of one call, relative to the size of the state: the flow's accuracy."""
         return self.flow.accuracy
 
+    def call_errors(self, states: Array) -> Array:
+        """Return errors (n,) of the calls of states (n, d - 1), by disturbed motions.
+
+        Disturbances that grow between two crossings count, though they may shrink before the next.
+        """
+        found = []
+        for state in states:
+            hit, path = self._way(state)
+            across = self._on_section(hit, np.eye(self.flow.dimension))
+            least = self.accuracy * self._size(path)
+            found.append(max(least, self.flow._carried_error(path, hit.time, across)))
+        return np.array(found)
+
+    def _reach(self, states: Array) -> float:
+        return max((self._size(self._way(state)[1]) for state in states), default=0.0)
+
+    def _way(self, state: Array) -> tuple[Crossing, Array]:
+        hit = self.crossing(state)
+        return hit, self.flow._path(self._lifted(state), hit.time)
+
+    def _size(self, path: Array) -> float:
+        return float(max(abs(self.section.reduce(state)).max(initial=0.0) for state in path))
+
     def difference(self, a: Array, b: Array) -> Array:
         return self.section.difference(a, b)
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from functools import partial
+from functools import cached_property, partial
 from typing import Any, Self, final
 
 import numpy as np
@@ -60,11 +60,21 @@ class MapProblem(PeriodicProblem, FamilyProblem):
         if system.conservative:
             self.stability = Spectrum.CONSERVATIVE
         self._like = states
-        self._sizes = sizes(states)
-        self.units = self._sizes * max(1.0, system.accuracy / NOISE)
-        """Units (d,) of the equations: sizes of the states, larger where calls are not exact."""
         self._derivatives: tuple[bytes, Array, Array, tuple[Array, Array]]
         self._derivatives = b"", np.empty(0), np.empty(0), (np.empty(0), np.empty(0))
+
+    @cached_property
+    def _sizes(self) -> Array:
+        try:
+            reach = self._system._reach(self._like)
+        except NoMotion:
+            reach = 0.0
+        return np.asarray(np.maximum(sizes(self._like), 0.1 * reach))
+
+    @cached_property
+    def units(self) -> Array:
+        """Units (d,) of the equations: sizes of the states, larger where calls are not exact."""
+        return np.asarray(self._sizes * max(1.0, self._system.accuracy / NOISE))
 
     @property
     def label(self) -> str:

@@ -170,6 +170,9 @@ class IntegratedFlow(Flow):
             total += float(np.linalg.norm(rough - fine))
         return total
 
+    def _disturbance(self, state: Array, sizes: Array) -> Array:  # noqa: ARG002
+        return self.tolerance * (1.0 + abs(state))
+
     def derivative(self, state: Array, duration: float) -> Array:
         """Return the derivative, (d, d), of the advanced state with respect to the state.
 
