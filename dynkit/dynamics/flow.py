@@ -361,10 +361,9 @@ class Flow(Family, ABC):
     def _carried_error(self, path: Array, duration: float, last: Array) -> float:
         """Return the error of the end of a path (n, d), as `last` (k, d) measures it.
 
-        It is a quarter of how far disturbed motions end from it, since four times `call_errors` are allowed for.
-
-        They are disturbed in each coordinate, with either sign, at the times of the path: what
-        grows on the way counts, though it may shrink again later.
+        It is a quarter of how far disturbed motions end from it, since an orbit's `error` allows
+        for four times as much. They are disturbed in each coordinate, with either sign, at the
+        times of the path: what grows on the way counts, though it may shrink again later.
         """
         sizes, worst = abs(path).max(axis=0), 0.0
         for seed in range(_TWINS):

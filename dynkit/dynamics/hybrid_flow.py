@@ -218,9 +218,8 @@ class ResetMap(Map):
             hit = self.crossing(state)
             path = self.flow._path(state, hit.time)
             after = self._saltation(hit, np.eye(self.dimension))
-            least = self.accuracy * float(abs(path).max())
-            found.append(max(least, self.flow._carried_error(path, hit.time, after)))
-        return np.array(found)
+            found.append(self.flow._carried_error(path, hit.time, after))
+        return np.maximum(super().call_errors(states), found)
 
     @cached_property
     def _surface(self) -> Any:

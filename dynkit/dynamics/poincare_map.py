@@ -143,19 +143,18 @@ class PoincareMap(Map):
         for state in states:
             hit, path = self._way(state)
             across = self._on_section(hit, np.eye(self.flow.dimension))
-            least = self.accuracy * self._size(path)
-            found.append(max(least, self.flow._carried_error(path, hit.time, across)))
-        return np.array(found)
+            found.append(self.flow._carried_error(path, hit.time, across))
+        return np.maximum(super().call_errors(states), found)
 
     def _reach(self, states: Array) -> float:
-        return max((self._size(self._way(state)[1]) for state in states), default=0.0)
+        ways = (self._way(state)[1] for state in states)
+        return float(
+            max(abs(self.section.reduce(at)).max(initial=0.0) for way in ways for at in way)
+        )
 
     def _way(self, state: Array) -> tuple[Crossing, Array]:
         hit = self.crossing(state)
         return hit, self.flow._path(self._lifted(state), hit.time)
-
-    def _size(self, path: Array) -> float:
-        return float(max(abs(self.section.reduce(state)).max(initial=0.0) for state in path))
 
     def difference(self, a: Array, b: Array) -> Array:
         return self.section.difference(a, b)
