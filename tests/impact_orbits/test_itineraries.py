@@ -356,3 +356,17 @@ def test_phases_of_states_are_those_of_periods() -> None:
     orbit = orbit_of(BILINEAR)
     assert (orbit.phases % TWO_PI == 0.0).all()
     np.testing.assert_allclose(BILINEAR(orbit.states[0]), orbit.states[0], atol=1e-13)
+
+
+def test_friction_that_sticks_together_is_one_friction_of_the_sum() -> None:
+    given: Any = {"masses": 1, "damping": 0.05, "frequency": 0.5, "harmonic_forces": [1.0]}
+    parts = [DryFriction(0, force=0.2, static=0.3), DryFriction((-0.5,), force=0.3, static=0.5)]
+    two, one = (
+        ImpactChain(elements=elements, **given).attractor(transient=200, impacts=9).periodic_orbit()
+        for elements in (parts, [DryFriction(0, force=0.35, static=0.55)])
+    )
+    assert isinstance(two, ImpactOrbit)
+    assert two.admissible
+    assert abs(two.states - one.states).max() <= one.error + two.error
+    problem = two.problem("elements[1].static")
+    check_problem(problem, two.unknowns, problem.values)

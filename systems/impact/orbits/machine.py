@@ -33,7 +33,7 @@ if TYPE_CHECKING:
     from dynkit.systems.impact.elements.element import Element
     from dynkit.systems.impact.simulation.driven_structure import DrivenStructure
 
-_OF_REGIME, _OF_GUARD = 4, 6
+_OF_REGIME, _OF_GUARD, _LEVEL = 4, 6, 4
 """Numbers of what a regime does, and of each of its guards."""
 
 _AGREEMENT = 1e-12
@@ -260,9 +260,11 @@ class Machine:
             numbers = numbers + 1j * STEP * change[: len(numbers)]
         self.frequency, forces, matrices, self._own, *_ = Numbers.split(oscillator, numbers)
         self.mass, self.damping, self.stiffness = matrices
-        self.sliders, self.normal = (
-            oscillator._automaton.sliders,
-            oscillator._automaton.parts.normal,
+        automaton = oscillator._automaton
+        self.sliders, self.normal, self._led = (
+            automaton.sliders,
+            automaton.parts.normal,
+            automaton.parts.led,
         )
         beside = np.zeros((self.size, len(self.sliders)))
         self._given: Any = np.hstack([-self.stiffness, -self.damping, beside, forces.T])
@@ -375,6 +377,9 @@ class Machine:
             row = row + stretch * self.stretch(element)
         if element in mode.held:
             row = row + force * self.force(mode, element)
+            if led := self._led(element):  # friction that sticks together: of the sum
+                at = _OF_REGIME + _OF_GUARD * guard + _LEVEL
+                level = sum(abs(share) * self._regime(mode.numbers[k], k)[at] for k, share in led)
             if element in self.normal:
                 row = row + normal * self.force(mode, self.normal[element])
         row[-1] += level
@@ -481,8 +486,9 @@ class Machine:
             self._modes[mode] = self._built(mode)
         return self._modes[mode]
 
-    def _built(self, mode: Regimes) -> tuple[Any, Any]:
-        n, w, given = self.size, self.frequency, self._given.copy()
+    def _forced(self, mode: Regimes) -> Any:
+        """Forces (N, D) in a mode, but for those of what is held."""
+        n, given = self.size, self._given.copy()
         for k, element in enumerate(self.elements):
             push, stiffness, damping, _ = self._regime(mode.numbers[k], k)[:_OF_REGIME]
             if push or stiffness or damping:
@@ -490,6 +496,22 @@ class Machine:
                 force: Any = -stiffness * along - damping * self.rate(k)
                 force[-1] += push
                 given += element.sign * np.outer(element.row(n), force)
+        return given
+
+    def roughness(self, mode: Regimes) -> Array:
+        """Sums (D, D) of the absolute terms that the flow of a mode is computed from."""
+        n, rows = self.size, self._rows(mode.held)
+        inverse, pushes = np.linalg.inv(self.mass), self._pushes(mode)
+        terms = abs(inverse) @ abs(self._forced(mode))
+        if mode.held:
+            lost = abs(np.linalg.inv(rows @ inverse @ pushes)) @ (abs(rows) @ terms)
+            terms = terms + abs(inverse) @ abs(pushes) @ lost
+        out = abs(self.flow(mode))
+        out[n : 2 * n] += terms
+        return np.asarray(out)
+
+    def _built(self, mode: Regimes) -> tuple[Any, Any]:
+        n, w, given = self.size, self.frequency, self._forced(mode)
         rows = self._rows(mode.held)
         both = np.linalg.solve(self.mass, np.hstack([given, self._pushes(mode)]))
         d = len(given[0])

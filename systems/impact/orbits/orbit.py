@@ -159,11 +159,17 @@ class ImpactOrbit(KeptSolution, PeriodicOrbit):
     def error(self) -> float:
         """Estimate of the largest error of a section coordinate of the states.
 
-        For P(n,m) it is a bound to first order: twice the rounding and the last residual of the
-        equations, multiplied by the inverse derivative, and the rounding of the states. For
-        P(inf,m) the rounding of the equations is measured by changes of the unknowns in their last
-        digits, and the error of omitted bounces is added. It is infinite where the derivative is
-        singular.
+        Of P(n,m) with hard stops only it is a bound to first order: twice the rounding
+        and the last residual of the equations, multiplied by the inverse derivative, and the
+        rounding of the states. Of all other orbits the rounding of each flight and each guard is
+        bounded, and these bounds are multiplied by the inverse derivative, as errors that are
+        independent of one another: twice the root of the sum of their squares, and the residual.
+        The error of omitted bounces is included. It is infinite where the derivative is singular.
+
+        References
+        ----------
+        N. J. Higham, T. Mary, A new approach to probabilistic rounding error analysis, SIAM Journal
+        on Scientific Computing 41 (2019) A2815-A2835.
         """
         return self._problem.state_error(self._x, NONE, self.residual)
 

@@ -104,7 +104,7 @@ def derivatives(s: Any, i: int, pair: Pair) -> Iterator[tuple[int, Array, float]
 def rounding(s: Any, i: int, pair: Pair) -> float:
     """What rounding may make of the value, to first order."""
     found = max(s.quotient_rounding(j, s.guards[i], pair.order) for j in _between(s, i, pair))
-    return float(found) * float(1.0 + abs(s.lap.phases).max())
+    return float(found + sum(abs(by) * s.late[j] for j, _, by in derivatives(s, i, pair)))
 
 
 def _whole(s: Any, among: list[int]) -> Any:

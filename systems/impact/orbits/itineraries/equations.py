@@ -15,6 +15,7 @@ from dynkit.systems.impact.modes.free_motion import free_motion
 from dynkit.systems.impact.orbits.borders import Border
 from dynkit.systems.impact.orbits.itineraries import divided, responses, shooting
 from dynkit.systems.impact.orbits.itineraries.borders import Begun, beginnings, borders_of, named
+from dynkit.systems.impact.orbits.itineraries.errors import error_of
 from dynkit.systems.impact.orbits.itineraries.happening import Happening, Itinerary
 from dynkit.systems.impact.orbits.itineraries.itinerary import (
     Course,
@@ -367,12 +368,13 @@ class ItineraryEquations(ImpactProblem):
         return jacobian, np.zeros(basis.shape[1])
 
     def state_error(self, x: Array, p: Array, residual: float) -> float:  # noqa: ARG002
-        bound, s = orbit_bound(self, x, p), self.at(x, p)
-        if self.sticks:  # its states, and their phases, are unknowns
-            return float(bound.max() + s.state_rounding.max() + 4.0 * _ROUNDING * abs(x).max())
-        phases = bound[: self.layout.events].max(initial=0.0)
+        s = self.at(x, p)
+        if isinstance(s, ShootingSolution):
+            return error_of(self, x, p)
+        bound = orbit_bound(self, x, p)
         moved = self.states_moved(x, p, bound) + float(s.state_rounding.max(initial=0.0))
         sizes = 32.0 * 2.0**-52 * float(abs(s.section_states).max(initial=0.0))
+        phases = bound[: self.layout.events].max(initial=0.0)
         return max(float(bound.max()), float(phases) + moved + sizes)
 
     @property

@@ -411,10 +411,8 @@ def _phase(z: Any) -> Any:
 
 
 def same(a: Any, b: Any) -> bool:
-    """Whether guards are the same: what they do may depend on what others hold."""
-    pairs = (
-        (getattr(a, n), getattr(b, n)) for n in ("to", "gap", "rate", "force", "stretch", "level")
-    )
+    """Whether guards of a regime are the same: levels of friction that sticks together differ."""
+    pairs = ((getattr(a, n), getattr(b, n)) for n in ("to", "gap", "rate", "force", "stretch"))
     return all(one == two for one, two in pairs)
 
 

@@ -153,10 +153,11 @@ class LinearSolution(ShootingSolution):
         return rows[q] @ power, float(late)
 
     def quotient_rounding(self, j: int, row: Any, q: int) -> float:
-        flow, m = abs(self.flows[j]), self.measures
-        terms = (abs(row) + abs(self._rows(j, row, q)[q])) @ np.linalg.matrix_power(flow, q)
-        level = float(terms @ m) * float((abs(self.after[j]) / m).max())
-        return _ROUNDING * (16.0 + float(self.norms[j])) * level
+        sizes = abs(self.after[j])
+        for _ in range(q):
+            sizes = abs(self.flows[j]) @ sizes
+        level = float(abs(self._rows(j, row, q)[q]) @ sizes)
+        return _ROUNDING * (4.0 + float(self.norms[j])) * level
 
     def rise(self, j: int, row: Any) -> Any:
         rows = self._rows(j, row, 1)
@@ -177,6 +178,14 @@ class LinearSolution(ShootingSolution):
         big[most:, most:] = self.flows[j] * m / m[:, None] * self.durations[j]
         found = exponentials(big[None])[0, :most, most:] / m
         return [row, *found[::-1]]
+
+    @cached_property
+    def rounded(self) -> Array:
+        ends = np.maximum(abs(self.after), abs(self.reached))[:, :, None]
+        rough = np.array([self.machine.roughness(event.mode) for event in self.following])
+        grown = (abs(self._flown) @ (rough @ ends))[:, :, 0]
+        grown *= 2.0 * _ROUNDING * abs(self.durations)[:, None]
+        return np.asarray(super().rounded + grown)
 
     @property
     def norms(self) -> Array:

@@ -48,7 +48,7 @@ class ItinerarySolution(Solution):
 
     1. ``left``, what is left of these equations;
     2. ``jacobian(multiplier)``, their derivative D(multiplier), (m, m);
-    3. ``rounding`` and ``state_rounding``, what rounding may make of them, and of states;
+    3. ``rounding``, what rounding may make of them;
     4. ``change(change)``, their derivative by a change of all numbers; None where it is not known;
     5. ``before``, positions and velocities (n, 2N), or more, just before the events.
 

@@ -18,13 +18,15 @@ from dynkit.systems.impact.orbits.itineraries import divided
 from dynkit.systems.impact.orbits.itineraries.chatter import Chatter
 from dynkit.systems.impact.orbits.itineraries.flying import Flights
 from dynkit.systems.impact.orbits.itineraries.itinerary import Course
-from dynkit.systems.impact.orbits.itineraries.motion import ROUNDING, ItinerarySolution, Lap
+from dynkit.systems.impact.orbits.itineraries.motion import ItinerarySolution, Lap
 from dynkit.systems.impact.orbits.itineraries.simulated import is_motion
 from dynkit.systems.impact.orbits.machine import Machine, Regimes
 from dynkit.systems.impact.simulation.sampling import sample_run, sample_sliders
 from dynkit.systems.impact.simulation.state import TWO_PI
 
 _ROUNDING = 2.0**-52
+_OF_ROWS = 8.0
+"""Roundings of each term of an equation: rows, kicks and sines are rounded."""
 _GRAZES = 256.0 * _ROUNDING
 """Rate of a guard in units of a turn's: with less it is only grazed."""
 _PARTING = 1e-5
@@ -218,7 +220,7 @@ class ShootingSolution(ItinerarySolution):
                 after[:, n + j] += self.resets[i] @ self.kicks[i]
             changes.append(after)
             change = self.transitions[i] @ after
-            for column, part in self._lasts(i, multiplier):
+            for column, part in self.lasts(i, multiplier):
                 change[:, column] += part * self.moving[i]
             if i == n - 1 or i + 1 in self._node_of:
                 there = 0 if node == last else node + 1
@@ -237,7 +239,7 @@ class ShootingSolution(ItinerarySolution):
     def _phase_is_free(self, i: int) -> bool:
         return self.driven or i > 0
 
-    def _lasts(self, i: int, mu: Any) -> Iterator[tuple[int, Any]]:
+    def lasts(self, i: int, mu: Any) -> Iterator[tuple[int, Any]]:
         """Derivatives of the time from event `i` to the next one, by columns."""
         after = (i + 1) % self.events
         if self._phase_is_free(i):
@@ -254,8 +256,15 @@ class ShootingSolution(ItinerarySolution):
             # what began before the period began: all in terms of the period before
             factor = mu if begun and j <= i else 1.0
             out[i] += factor * (by_state @ changes[j])
-            for column, part in self._lasts(j, mu):
+            for column, part in self.lasts(j, mu):
                 out[i, column] += factor * by_time * part
+
+    @property
+    def late(self) -> Array:
+        """What rounding may make of the times (n,) between events."""
+        out = abs(self.durations)
+        out[-1] += 2.0 * abs(self.lap.phases[-1]) / self.clock
+        return np.asarray(_ROUNDING * out)
 
     @cached_property
     def rounded(self) -> Array:
@@ -263,9 +272,8 @@ class ShootingSolution(ItinerarySolution):
         m = self.measures
         sizes = abs(self.transitions) @ abs(self.after)[:, :, None]
         level = (sizes[:, :, 0] / m).max(axis=1, keepdims=True)
-        turned = 1.0 + abs(self.lap.phases).max()
-        late = turned / self.clock * abs(self.moving)
-        out = _ROUNDING * ((8.0 + self.norms[:, None]) * level * m + 2.0 * late)
+        out = _ROUNDING * (4.0 + self.norms[:, None]) * level * m
+        out += self.late[:, None] * abs(self.moving)
         for i, chatter in self.chatters.items():
             # each impact rounds, and the last ones are replaced
             out[i] += _ROUNDING * chatter.run.impacts * level[i] * m + chatter.error
@@ -275,16 +283,19 @@ class ShootingSolution(ItinerarySolution):
     def rounding(self) -> Array:
         """What rounding may make of them, (m,), to first order."""
         n, k, d = self.events, len(self.hits), self.dimension
-        # rows and sines are rounded, and the phases that these are of
-        turned = ROUNDING / _ROUNDING + abs(self.event_phases)
+        # rows and sines are rounded, and phases
         own = np.empty(n + k + self.lap.states.size)
-        own[:n] = turned * (abs(self.guards) * abs(self.before)).sum(axis=1)
+        moved = np.roll(self.moving, 1, axis=0)
+        moved *= (self.event_phases / self.clock)[:, None]
+        own[:n] = _OF_ROWS * (abs(self.guards) * abs(self.before)).sum(axis=1)
+        own[:n] += abs((self.guards * moved).sum(axis=1))
         rates = (abs(self.rates) * abs(self.before[self.hits])).sum(axis=1)
-        own[n : n + k] = 2.0 * turned[self.hits] * rates + 4.0 * abs(self.impulses)
+        rates += abs((self.rates * moved[self.hits]).sum(axis=1))
+        own[n : n + k] = 2.0 * _OF_ROWS * rates + 4.0 * abs(self.impulses)
         own[n + k :] = abs(self.lap.states).ravel()
         for i, event in enumerate(self.itinerary):
             if event.element < 0:
-                own[i] = turned[i]
+                own[i] = 1.0 + abs(self.event_phases[i])
             elif (pair := self.pairs[i]) is not None:
                 own[i] = divided.rounding(self, i, pair) / _ROUNDING
         # rows through which errors of a state reach the equations of later events
@@ -301,17 +312,6 @@ class ShootingSolution(ItinerarySolution):
             if j in self.impulse_of:
                 k = self.impulse_of[j]
                 rows[n + k] = (1.0 + self._rebounds[1, k]) * self.rates[k, :d]
-        return out
-
-    @cached_property
-    def state_rounding(self) -> Array:
-        """What rounding may make of states, to first order."""
-        out, error = np.zeros((self.events, self.dimension)), np.zeros(self.dimension)
-        for i in range(self.events):
-            out[i] = error = 0.0 * error if i in self._node_of else error
-            step = self.transitions[i] @ self.resets[i]
-            error = abs(step[: self.dimension, : self.dimension]) @ error
-            error += self.rounded[i, : self.dimension]
         return out
 
     # --- flights ----------------------------------------------------------------------------------
@@ -365,7 +365,7 @@ class ShootingSolution(ItinerarySolution):
     @property
     @abstractmethod
     def norms(self) -> Array:
-        """Times (n,) between events, in units of the fastest changes of scaled states."""
+        """Roundings (n,) of flights: times between events, in units of the fastest changes."""
 
     @abstractmethod
     def flights(self, mode: Regimes) -> Flights:
