@@ -241,7 +241,8 @@ class Pairs:
             involved = number >= 0
             own = np.zeros((len(rows), len(growth), 1))
             own[:, number[involved], 0] = weights[:, involved]  # the same for all of a part
-            larger = _majorant(growth, decay, window)[..., None, :, :]
+            larger = self._lasting if np.isinf(window).all() else _majorant(growth, decay, window)
+            larger = larger[..., None, :, :]
             total = (own * np.where(own > 0.0, larger, 0.0)).sum(axis=-2)
             weights = np.where(involved, total[..., number], weights)
         weights[..., 1, :] *= scale
@@ -304,6 +305,12 @@ class Pairs:
                 for j in range(2):
                     growth[number[i, t], number[j, source]] += b[i, j]
         return number, growth, decay
+
+    @cached_property
+    def _lasting(self) -> Array:
+        """Bounds of coupled parts by those at the start, for all times."""
+        assert self._parts is not None
+        return _majorant(*self._parts[1:], math.inf)
 
     def _contraction(self, slot: int, row: int) -> float:
         """Return the decay rate of an undriven number, or of the norm of a damped rotation."""

@@ -196,25 +196,18 @@ def _pad(rows: Array, slots: int) -> Array:
     return out
 
 
-def cell_bounds(
-    pairs: Pairs, derivatives: Array, smallest: float, rungs: int
-) -> tuple[Array, NDArray[np.bool_]]:
+def _cell_bounds(bounds: Array, h: Array) -> tuple[Array, NDArray[np.bool_]]:
     """Return weights of abs(y) on the cells of each rung, and whether terms are kept.
 
-    Both are (rungs, 2, n); `derivatives` are the rows (7, 2, n) of f and its derivatives.
+    Both are (rungs, 2, n); `bounds` (4, rungs or 1, 2, n) are those of f, f', f'' and f^(6) on
+    cells of the sizes h, (rungs, 1, 1).
 
     The error of the quintic Hermite polynomial of f is at most h^6/46080 sup |f^(6)|, and at most
     2 sup |f| + 2/5 h sup |f'| + h^2/20 sup |f''| (the Bernstein coefficients of the polynomial). A
     term is left out of cells for which the second bound is smaller; the error of f is then at most
     sup |f|.
     """
-    h = np.asarray(smallest * 2.0 ** np.arange(rungs), dtype=np.float64)[:, None, None]
-    rows = derivatives[[0, 1, 2, 6]]
-    if pairs.grows:
-        each = np.ascontiguousarray(pairs.bounds(rows, h.ravel()).swapaxes(0, 1))
-    else:
-        each = np.broadcast_to(pairs.bounds(rows)[:, None], (4, rungs, *rows.shape[1:]))
-    most, first, second, sixth = each
+    most, first, second, sixth = bounds
     with np.errstate(over="ignore", invalid="ignore"):
         error = sixth * h**6 / 46080.0
         kept = ~(2.0 * most + 0.4 * h * first + 0.05 * h * h * second < error)
@@ -288,16 +281,22 @@ def _joint(
     pairs, step, rungs = propagators.pairs, propagators.step, propagators.rungs
     seen = padded(row.shape[1])
     full = _pad(row, pairs.count)
-    window = propagators.smallest * 2.0 ** (rungs - 1) if pairs.grows else inf
+    h = propagators.smallest * 2.0 ** np.arange(rungs)
+    window = float(h[-1]) if pairs.grows else inf
     with np.errstate(over="ignore", invalid="ignore"):
         derivatives = pairs.derivatives(full, DEGREE + 2)
-        fourth, last = pairs.bounds(derivatives[[4, DEGREE + 1]], window)
+        size, first, second, fourth, sixth, last = pairs.bounds(
+            derivatives[[0, 1, 2, 4, 6, DEGREE + 1]], window
+        )
         last /= factorial(DEGREE + 1)
-        weights, kept = cell_bounds(pairs, derivatives, propagators.smallest, rungs)
+        each = np.stack([size, first, second, sixth])[:, None]
+        if pairs.grows:
+            each = pairs.bounds(derivatives[[0, 1, 2, 6]], h).swapaxes(0, 1)
+        weights, kept = _cell_bounds(each, h[:, None, None])
     rows = _pad(derivatives[:4].reshape(8, -1), seen)
-    size = pairs.bound(full, 0)
     tail, drift, swing = tail_rows(propagators.responses, full, steady)
     if pairs.grows:
+        size = pairs.bound(full, 0)
         size = np.where(np.isfinite(size), size, pairs.bound(full, 0, 0.0))
     size[:, slow] = abs(full[:, slow])
     bounds = [size, fourth, last, tail, drift]

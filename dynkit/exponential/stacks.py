@@ -20,11 +20,12 @@ class Stack:
 
     def put(self, name: str, k: int, given: Any) -> None:
         """Write an array as number k of this name."""
-        array = np.asarray(given)
-        if k == 0 and name not in self._rooms:
+        array, room = np.asarray(given), self._rooms.get(name)
+        if k == 0 and room is None:
             self._rooms[name] = array[None]  # a single array is not copied
             return
-        self._widen(name, k + 1, array)
+        if room is None or k >= len(room) or room.shape[1:] != array.shape:
+            self._widen(name, k + 1, array)
         self._rooms[name][(k, *map(slice, array.shape))] = array
 
     def _widen(self, name: str, count: int, like: Any) -> None:

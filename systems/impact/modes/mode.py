@@ -50,6 +50,7 @@ class Mode:
         self.forced = forced
         self.layout, self.propagators = forced.arranged(~seen, turns=excitation.turns)
         self._known: dict[bytes, tuple[Any, Any]] = {}
+        self._sums: dict[bytes, Any] = {}
         self.bodies = len(forced.rest)
         self._anchored = self._anchors = np.zeros(0, dtype=np.intp)
         self._drifts = np.zeros(0)
@@ -60,7 +61,7 @@ class Mode:
         if forced is None:
             return None
         out = copy(self)
-        out.forced = forced
+        out.forced, out._sums = forced, {}
         if self.layout.table >= 0:
             out.propagators = self.propagators.turning(self.layout.table, frequency)
         return out
@@ -203,7 +204,10 @@ class Mode:
     def sum(self, row: Array, offset: float) -> Any:
         """The exponential sum ``offset + row . y`` as the kernels take it."""
         row = row[:, : self.layout.seen]
-        return ladder(row, offset, self.propagators, self.layout.table)
+        key = row.tobytes()
+        if key not in self._sums:
+            self._sums[key] = ladder(row, offset, self.propagators, self.layout.table)
+        return self._sums[key]._replace(offset=float(offset))
 
     # --- the motion -------------------------------------------------------------------------------
 
