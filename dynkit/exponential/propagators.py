@@ -281,7 +281,7 @@ def _joint(
     pairs, step, rungs = propagators.pairs, propagators.step, propagators.rungs
     seen = padded(row.shape[1])
     full = _pad(row, pairs.count)
-    h = propagators.smallest * 2.0 ** np.arange(rungs)
+    h = np.asarray(propagators.smallest * 2.0 ** np.arange(rungs), dtype=np.float64)
     window = float(h[-1]) if pairs.grows else inf
     with np.errstate(over="ignore", invalid="ignore"):
         derivatives = pairs.derivatives(full, DEGREE + 2)
