@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import time
+from contextlib import suppress
 from functools import partial
 from typing import TYPE_CHECKING, Any
 
@@ -14,16 +15,22 @@ from dynkit.orbits.newton import NoConvergence, NoSolution
 from dynkit.systems.impact.orbits.finding import Found
 from dynkit.systems.impact.orbits.itineraries.equations import ItineraryEquations
 from dynkit.systems.impact.orbits.itineraries.finding import guess_of
-from dynkit.systems.impact.orbits.itineraries.itinerary import events_seen
+from dynkit.systems.impact.orbits.itineraries.itinerary import events_seen, of_period
 from dynkit.systems.impact.orbits.itineraries.motions import STARTS, simulated_motions
+from dynkit.systems.impact.orbits.itineraries.simulated import simulated
 from dynkit.systems.impact.orbits.orbit import ImpactOrbit
+from dynkit.systems.impact.orbits.problem import APART
 from dynkit.systems.impact.orbits.searching import add_returns, result_of
 from dynkit.systems.impact.simulation.state import TWO_PI
+from dynkit.systems.impact.simulation.trajectory import Ending
 
 if TYPE_CHECKING:
     from dynkit.orbits.search import OrbitSearch
     from dynkit.systems.impact.impact_map import ImpactMap
     from dynkit.systems.impact.records.record import ImpactRecord
+
+_SETTLED, _LATE = 40.0, 38.5
+"""Periods for which a motion without further impacts is followed, and where one is taken."""
 
 
 def search_returns(oscillator: ImpactMap, impacts: int, periods: int) -> OrbitSearch[ImpactOrbit]:
@@ -46,7 +53,20 @@ def search_returns(oscillator: ImpactMap, impacts: int, periods: int) -> OrbitSe
         for impacts_of in range(1, impacts + 1)
         for part in parts
     )
+    for part in parts:
+        if part.ending is not Ending.COUNT_REACHED and oscillator._stops:
+            _add_quiet(found, part)
     return result_of(oscillator, found, parts, (impacts, periods), counts, began)
+
+
+def _add_quiet(found: Found, record: ImpactRecord) -> None:
+    """Try the orbit without impacts in one period that a motion without further ones comes near."""
+    system, length = record.system, TWO_PI / record.system.frequency
+    with suppress(NoMotion, NoConvergence, NoSolution, NotImplementedError):
+        seen = of_period(simulated(system, record.final, _SETTLED * length), _LATE * length, length)
+        problem, guess = guess_of(system, record.final, seen, 1, length)
+        if not (problem.course.hits or found.holds(problem, guess, APART)):
+            found.add(problem, guess)
 
 
 def near_return(

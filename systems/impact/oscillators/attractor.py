@@ -186,7 +186,8 @@ class ImpactAttractor(Attractor):
         Raises
         ------
         ValueError
-            When the attractor is neither P(n,m) nor P(inf,m), nor a cycle that nothing drives.
+            When the attractor is neither P(n,m) nor P(inf,m), nor a cycle that nothing drives, nor
+            a motion of a driven machine with elements that hits no stop any more, P(0,1).
         NoConvergence
             When the motion is still too far from the orbit, or that is one of a family, as where a
             slider of a `Jenkins` element never slips.
@@ -200,6 +201,8 @@ class ImpactAttractor(Attractor):
         if self._system._own and not self._system._excitation.turns:
             return orbit_near(self._system, self.final, 1)
         n, m = self.label.iterates, self.label.periods
+        if self.label.kind is OrbitKind.AT_REST and self._goes_on:
+            return orbit_near(self._system, self.final, 1)
         if n is m is None:
             raise ValueError(f"attractor must be P(n,m) or P(inf,m); it is {self.label}")
         if n is None:
@@ -210,6 +213,13 @@ class ImpactAttractor(Attractor):
         if m is None or not self._system._table_alone:
             return orbit_near(self._system, record.final, m or 1)
         return orbit_of_motion(record, n, m)
+
+    @property
+    def _goes_on(self) -> bool:
+        """Whether forces move the machine, with elements, where no impact follows."""
+        system, last = self._system, self.ending
+        lasts = last in (Ending.NO_FURTHER_CONTACT, Ending.CONTACT_FOR_EVER, Ending.SEARCH_LIMIT)
+        return bool(lasts and not system._table_alone and system._excitation.turns)
 
     def second_moments(self, batches: int | Sequence[int] = 32) -> SecondMoments:
         """Time averages over the kept impacts: see `ImpactRecord.second_moments`."""
