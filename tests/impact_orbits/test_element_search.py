@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from functools import cache
+from typing import Any
 
 import numpy as np
 import pytest
@@ -130,7 +131,8 @@ def test_a_motion_that_impacts_no_more_is_left_soon(monkeypatch: pytest.MonkeyPa
     (quiet,) = machine.find_orbits(impacts=1, periods=1)
     assert quiet.label == "P(0,1)"
     assert quiet.admissible
-    record = machine.simulate(impacts=1, start=machine.state(*np.split(quiet.states[0], 2)))
+    x, v = np.split(quiet.states[0], 2)
+    record = machine.simulate(impacts=1, start=machine.state(x, v))
     place, velocity = record.sample([quiet.period])
     again = np.append(place, velocity)
     assert abs(again - quiet.states[0]).max() < 1e-12
@@ -148,7 +150,7 @@ def test_a_mass_that_stays_on_a_table_while_a_slider_slips_has_an_orbit() -> Non
             Jenkins(0, stiffness=1.0, force=0.2, name="joint"),
         ],
     )
-    orbit = machine.attractor(transient=0, impacts=40).periodic_orbit()
+    orbit: Any = machine.attractor(transient=0, impacts=40).periodic_orbit()
     # the table is the wall of one mass on the joint, shaken by the first force
     one = MatrixOscillator(
         M=[[1.0]],
@@ -159,7 +161,7 @@ def test_a_mass_that_stays_on_a_table_while_a_slider_slips_has_an_orbit() -> Non
         constant_forces=[machine.stiffness[0, 1] * 0.2],
         elements=[Jenkins(0, stiffness=1.0, force=0.2, name="joint")],
     )
-    other = one.attractor(transient=300, impacts=1).periodic_orbit()
+    other: Any = one.attractor(transient=300, impacts=1).periodic_orbit()
     times = np.linspace(0.0, orbit.period, 9)
     (x, v), (y, w) = orbit.sample(times), other.sample(times)
     assert orbit.counts["joint.sticks"] == 2

@@ -48,6 +48,9 @@ MOST_NUMBERS = 1 << 27
 # was decided at the end of the budget is within a hundredth of its orbit.
 _RETURN = 1e-2
 
+_GOES_ON = Ending.NO_FURTHER_CONTACT, Ending.CONTACT_FOR_EVER, Ending.SEARCH_LIMIT
+"""Endings of motions that go on without impacts."""
+
 
 @final
 class ImpactAttractor(Attractor):
@@ -201,25 +204,20 @@ class ImpactAttractor(Attractor):
         if self._system._own and not self._system._excitation.turns:
             return orbit_near(self._system, self.final, 1)
         n, m = self.label.iterates, self.label.periods
-        if self.label.kind is OrbitKind.AT_REST and self._goes_on:
-            return orbit_near(self._system, self.final, 1)
+        rest = max(self.label.simulated - len(self.record), 0)  # so long it took to settle
+        if self.label.kind is OrbitKind.AT_REST and not self._system._table_alone:
+            last = self._system.simulate(impacts=rest + 1, start=self.final)
+            if last.ending in _GOES_ON and self._system._excitation.turns:
+                return orbit_near(self._system, last.final, 1)
         if n is m is None:
             raise ValueError(f"attractor must be P(n,m) or P(inf,m); it is {self.label}")
         if n is None:
             assert m is not None
             return sticking_orbit_of(self._system, self.final, m)
-        rest = max(self.label.simulated - len(self.record), 0)  # so long it took to settle
         record = self._system.attractor(transient=rest, impacts=n, start=self.final).record
         if m is None or not self._system._table_alone:
             return orbit_near(self._system, record.final, m or 1)
         return orbit_of_motion(record, n, m)
-
-    @property
-    def _goes_on(self) -> bool:
-        """Whether forces move the machine, with elements, where no impact follows."""
-        system, last = self._system, self.ending
-        lasts = last in (Ending.NO_FURTHER_CONTACT, Ending.CONTACT_FOR_EVER, Ending.SEARCH_LIMIT)
-        return bool(lasts and not system._table_alone and system._excitation.turns)
 
     def second_moments(self, batches: int | Sequence[int] = 32) -> SecondMoments:
         """Time averages over the kept impacts: see `ImpactRecord.second_moments`."""
