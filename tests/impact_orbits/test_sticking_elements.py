@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from functools import cache
+from typing import Any
 
 import numpy as np
 import pytest
 
 from dynkit import NoConvergence, continue_orbit
 from dynkit.core.validation import Array
-from dynkit.systems import DryFriction, HardStop, ImpactChain, SoftStop
+from dynkit.systems import DryFriction, HardStop, ImpactChain, Jenkins, SoftStop
 from dynkit.systems.impact.orbits.orbit import ImpactOrbit
 from dynkit.testing import check_problem
 from tests.impact_orbits.sticking_cases import differences
@@ -32,6 +33,16 @@ MACHINES = {
         masses=2,
         frequency=0.408,
         elements=[table(1, 0.0), SoftStop(0, offset=-0.05, stiffness=2.0)],
+    ),
+    "a soft stop is left in contact": ImpactChain(
+        masses=2,
+        damping=0.05,
+        frequency=0.48,
+        harmonic_forces=[0.96, 0.72],
+        elements=[
+            HardStop(1, offset=0.05, restitution=0.43, name="table"),
+            SoftStop(0, offset=0.024, stiffness=2.75, damping=0.2),
+        ],
     ),
     "of two masses": ImpactChain(
         masses=2, frequency=0.5, damping=0.2, elements=[table((0, 1), 0.2)]
@@ -111,6 +122,33 @@ def test_multipliers_are_those_of_differences_of_simulations(name: str) -> None:
 def test_the_contract_of_problems_holds(name: str) -> None:
     orbit = orbit_of(name)
     check_problem(orbit.problem("frequency"), orbit.unknowns, np.array([orbit.system.frequency]))
+
+
+def test_a_slider_slips_while_a_stop_chatters() -> None:
+    system = ImpactChain(
+        masses=2,
+        damping=0.05,
+        frequency=0.394,
+        harmonic_forces=[0.64, 0.646],
+        elements=[
+            HardStop(1, restitution=0.59, name="table"),
+            Jenkins(0, stiffness=0.6635, force=0.05, name="joint"),
+        ],
+    )
+    attractor = system.attractor(transient=300, impacts=60)
+    orbit = attractor.periodic_orbit()
+    assert isinstance(orbit, ImpactOrbit)
+    assert orbit.sticks
+    assert orbit.admissible
+    assert orbit.counts["joint.sticks"] == attractor.label.counts["joint.sticks"]
+    solution: Any = orbit._solution
+    assert any(event.chatters and event.mode.numbers[1] for event in solution.itinerary)
+    record = attractor.record
+    begin, end = record.sticking[-2, 1], record.sticking[-1, 1]
+    times = np.linspace(0.0, end - begin, 50)
+    for found, wanted in zip(orbit.sample(times), record.sample(begin + times), strict=True):
+        assert abs(found - wanted).max() < 1e-9
+    check_problem(orbit.problem("joint.force"), orbit.unknowns, np.array([0.05]))
 
 
 def test_friction_sticks_and_slips_between_the_contacts() -> None:

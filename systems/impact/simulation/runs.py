@@ -187,6 +187,9 @@ class Course:
         number = next((k for k in own if automaton.guards[k].watch.event == REST), -1)
         if number < 0 and own and automaton.guards[own[0]].watch.event in (IMPACT, HALT):
             number = own[0]
+        if number < 0 and own and element in automaton.sliders:  # it slides where it yields
+            there = self._work.states[_kernels()[1].START]
+            number = min(own, key=lambda k: _value_and_rate(automaton.guards[k].sum, there)[0])
         if number >= 0:  # else it stays where it is, as others hold it
             self._switch(number)
 

@@ -89,7 +89,9 @@ class Chatter:
         speed = rebounds * float(rate)
         if not (speed >= 0.0 and np.isfinite(state).all()):
             raise NoSolution("the chatter must begin with an impact that pushes")
-        turn, closed = state[-3:-1], self.flying.held
+        turn, numbers = state[-3:-1], self.flying.numbers
+        slide = () if oscillator._motion else (k for k in machine.sliders if numbers[k])
+        closed = (*self.flying.held, *slide)
         x, v = np.append(state[:n], state[2 * n : -3]), beside(oscillator, state[n : 2 * n])
         try:
             start = state_at(oscillator, x, v, turn, speed, self.element, Motion.TABLE, closed)
@@ -120,7 +122,8 @@ class Chatter:
             k = int(np.argmin(speeds[: most + 1]))
             if speeds[k] > _NEARLY * fastest:
                 raise NoSolution("the chatter must be complete")
-        return replace(run.part(0, k), switches=run.switches.until(0))
+        begun = int(np.searchsorted(run.switches.time, 0.0, side="right"))
+        return replace(run.part(0, k), switches=run.switches.until(begun))
 
     def _lifts_off(self, run: Trajectory, count: int) -> Any:
         """Whether each of the first flights, (count,), leaves the chatter.

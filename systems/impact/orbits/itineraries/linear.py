@@ -160,10 +160,14 @@ class LinearSolution(ShootingSolution):
         return _ROUNDING * (4.0 + float(self.norms[j])) * level
 
     def rise(self, j: int, row: Any) -> Any:
+        if j in self.chatters:
+            return row @ (self.reached[j] - self.after[j])
         rows = self._rows(j, row, 1)
         return self.durations[j] * (rows[1] @ (self.flows[j] @ self.after[j]))
 
     def rise_change(self, j: int, row: Any) -> Any:
+        if j in self.chatters:
+            return row @ self.transitions[j] - row
         return self.durations[j] * (self._rows(j, row, 1)[1] @ self.flows[j])
 
     def _rows(self, j: int, row: Any, most: int) -> list[Any]:
