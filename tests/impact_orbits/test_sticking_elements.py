@@ -135,7 +135,7 @@ def test_a_slider_slips_while_a_stop_chatters() -> None:
             Jenkins(0, stiffness=0.6635, force=0.05, name="joint"),
         ],
     )
-    attractor = system.attractor(transient=300, impacts=60)
+    attractor: Any = system.attractor(transient=300, impacts=60)
     orbit = attractor.periodic_orbit()
     assert isinstance(orbit, ImpactOrbit)
     assert orbit.sticks
