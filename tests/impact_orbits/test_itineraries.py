@@ -370,3 +370,26 @@ def test_friction_that_sticks_together_is_one_friction_of_the_sum() -> None:
     assert abs(two.states - one.states).max() <= one.error + two.error
     problem = two.problem("elements[1].static")
     check_problem(problem, two.unknowns, problem.values)
+
+
+def test_what_sticks_at_a_state_of_an_orbit_does_not_slip_by_rounding() -> None:
+    # with a static force above the kinetic one it would slip on
+    machine = ImpactChain(
+        masses=(1.0, 1.2, 0.9),
+        damping=0.06,
+        frequency=0.52,
+        harmonic_forces=[0.3, -0.4, 0.5],
+        elements=[
+            DryFriction(1, force=0.2, static=0.3),
+            HardStop(2, offset=-0.3, restitution=0.5),
+        ],
+    )
+    orbit: Any = machine.attractor(transient=400, impacts=40).periodic_orbit()
+    solution: Any = orbit._solution
+    stuck = [1 in solution.following[i].mode.held for i in solution.hits]
+    assert any(stuck)
+    near = orbit.unknowns * (1.0 + 1e-15 * np.random.default_rng(0).normal(size=len(orbit.unknowns)))
+    states = orbit.problem().at(near, np.empty(0)).section_states
+    assert not states[stuck, 3].any()  # velocity of the second mass
+    for here, there in zip(states, np.roll(states, -1, axis=0), strict=True):
+        assert abs(machine.difference(machine(here), there)).max() < 1e-11

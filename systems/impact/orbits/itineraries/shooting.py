@@ -160,7 +160,7 @@ class ShootingSolution(ItinerarySolution):
 
     @property
     def whole(self) -> Array:
-        return np.asarray(self.after)
+        return np.array([self._stilled(i, z[None])[0] for i, z in enumerate(self.after)])
 
     @cached_property
     def _rebounds(self) -> Any:
@@ -408,13 +408,30 @@ class ShootingSolution(ItinerarySolution):
         begin = (self.event_phases - self.event_phases[0]) / self.clock
         which = np.clip(np.searchsorted(begin, since, side="right") - 1, 0, None)
         after, out = since - begin[which], np.empty((len(since), self.dimension))
+        turned = self.event_phases[0] + self.clock * since
+        turns = np.stack([np.sin(turned), np.cos(turned), np.ones_like(turned)], axis=1)
         for i in np.unique(which).tolist():
-            out[which == i] = self._passed(i, after[which == i])
+            z = np.concatenate([self._passed(i, after[which == i]), turns[which == i]], axis=1)
+            out[which == i] = self._stilled(i, z)[:, :-3]
         for i, chatter in self.chatters.items():
             here = np.flatnonzero((which == i) & (after < chatter.lasts))
             own = self.oscillator, chatter.run, after[here]
             out[here] = np.concatenate([*sample_run(*own), sample_sliders(*own)], axis=1)
         return out
+
+    def _stilled(self, i: int, states: Array) -> Array:
+        """States (k, D) after event `i`: what sticks there slips by no rounding, modified in place.
+
+        With a static force above the kinetic one a motion from them would slip on.
+        """
+        m, stops = self.machine, len(self.oscillator._stops)
+        stuck = [k for k in self.following[i].mode.held if k >= stops]
+        if stuck:
+            rows = np.array([m.elements[k].sign * m.rate(k) for k in stuck])
+            along = rows[:, m.size : 2 * m.size]
+            slips = np.linalg.solve(along @ along.T, rows @ states.T)
+            states[:, m.size : 2 * m.size] -= slips.T @ along
+        return states
 
     # --- what is watched --------------------------------------------------------------------------
 
