@@ -388,7 +388,9 @@ def test_what_sticks_at_a_state_of_an_orbit_does_not_slip_by_rounding() -> None:
     solution: Any = orbit._solution
     stuck = [1 in solution.following[i].mode.held for i in solution.hits]
     assert any(stuck)
-    near = orbit.unknowns * (1.0 + 1e-15 * np.random.default_rng(0).normal(size=len(orbit.unknowns)))
+    near = orbit.unknowns * (
+        1.0 + 1e-15 * np.random.default_rng(0).normal(size=len(orbit.unknowns))
+    )
     states = orbit.problem().at(near, np.empty(0)).section_states
     assert not states[stuck, 3].any()  # velocity of the second mass
     for here, there in zip(states, np.roll(states, -1, axis=0), strict=True):

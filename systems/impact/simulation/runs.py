@@ -10,7 +10,7 @@ import numpy as np
 
 from dynkit.core.validation import Array
 from dynkit.exponential.propagators import cells_of_a_call, workspace
-from dynkit.systems.impact.elements.element import HALT, IMPACT, REST
+from dynkit.systems.impact.elements.element import HALT, IMPACT, REST, EventKind
 from dynkit.systems.impact.modes.constrained import ContactParadox
 from dynkit.systems.impact.modes.mode import transformed
 from dynkit.systems.impact.simulation.state import TWO_PI, ImpactState, Motion, state_of
@@ -72,14 +72,14 @@ def trajectory_of(
 def to_contact(
     oscillator: DrivenStructure, start: ImpactState, count: int
 ) -> tuple[Trajectory, bool]:
-    """Simulate up to `count` impacts; and whether contact follows, and is left out.
+    """Simulate up to `count` impacts; and whether contact with the stop follows, and is left out.
 
-    It is left out where no motion has entered it, for a table alone; else the motion goes on.
+    It is left out where no motion has entered its mode; else the motion goes on.
     """
-    if oscillator._motion is not None or oscillator._automaton.beside is not None:
+    if oscillator._motion is not None:
         return trajectory_of(oscillator, start, count, store=True), False
     course = Course(oscillator, start, noise=0.0, seed=1, most_cells=MOST_CELLS)
-    log = course.advance(count, store=True, enters=False)
+    log = course.advance(count, store=True, lands=start.element)
     return course.trajectory(log, 0.0), course.waits
 
 
@@ -277,10 +277,11 @@ class Course:
         turns = (times[-1] - times[-few]) * self._oscillator.frequency / TWO_PI
         return bool(getattr(last, "preload", 0.0) > 0.0 and turns * MOST_SWITCHES < few)
 
-    def advance(self, count: int, *, store: bool, enters: bool = True) -> Impacts:
+    def advance(self, count: int, *, store: bool, lands: int | None = None) -> Impacts:
         """Simulate up to `count` further impacts; return their log, empty unless stored.
 
-        Without `enters` it ends before a mode that no motion has entered, and `waits` is true.
+        Before contact with the stop `lands`, in a mode that no motion has entered, it ends, and
+        `waits` is true.
         """
         _, kernels, log_kernels = _kernels()
         free, rows = self._oscillator._free, count if store else 0
@@ -311,12 +312,13 @@ class Course:
             )
             done += impacts
             if ending == kernels.MODE_WANTED:
-                self.waits = not enters
+                wanted, table = int(self._clock[kernels.WANTED]), self._oscillator._automaton.table
+                self.waits = table[wanted, 1::2].tolist() == [lands, EventKind.CONTACT]
                 if self.waits:
                     ending = kernels.COUNT_REACHED
                     break
                 try:
-                    self._oscillator._automaton.enter(int(self._clock[kernels.WANTED]))
+                    self._oscillator._automaton.enter(wanted)
                 except ContactParadox:
                     paradox = True
                     break
