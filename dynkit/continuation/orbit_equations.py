@@ -8,7 +8,7 @@ import numpy as np
 
 from dynkit.core.validation import Array
 from dynkit.orbits.equations import Problem
-from dynkit.orbits.newton import Equations, error_bound
+from dynkit.orbits.newton import Correction, Equations, error_bound
 
 
 class CurveEquations(Equations):
@@ -79,6 +79,11 @@ class OrbitEquations(CurveEquations):
 
     def jacobian(self, y: Array) -> Array:
         return self.orbit_jacobian(y)
+
+    def corrected(
+        self, y: Array, scale: Array, row: Array, limits: tuple[float, int, int]
+    ) -> Correction | None:
+        return self.problem.corrected(y, scale, row, limits)
 
 
 def distance_from_curve(equations: Equations, jacobian: Array, y: Array) -> Array:

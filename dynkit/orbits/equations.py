@@ -13,6 +13,7 @@ import numpy as np
 from dynkit.core.cost import Cost
 from dynkit.core.reprs import Tabled
 from dynkit.core.validation import Array, read_only
+from dynkit.orbits.newton import Correction
 from dynkit.orbits.spectrum import Spectrum
 from dynkit.viewer.series import Series
 
@@ -84,6 +85,15 @@ class Problem(ABC):
     def linearization_error(self, x: Array, p: Array) -> Any:
         """Return the error of the linearization, (m, m), beyond rounding; zero by default."""
         return 0.0
+
+    def corrected(
+        self, y: Array, scale: Array, row: Array, limits: tuple[float, int, int]
+    ) -> Correction | None:
+        """Return the result of Newton's method for (x, p) along a row; None where it is not known.
+
+        See `dynkit.orbits.newton.Equations.corrected`. By default None.
+        """
+        return None
 
     def pencil(self, x: Array, p: Array, value: complex) -> Any:
         """Return D(value), (m, m), which is singular if and only if the value is in the spectrum.

@@ -13,7 +13,7 @@ from dynkit.core.validation import Array
 
 ROUNDING = 2.0**-52
 # Residuals below the first are rounding; a solution has a residual below the second.
-_FLOOR, _ACCEPTABLE = 16.0 * ROUNDING, 1e-10
+_FLOOR, ACCEPTABLE = 16.0 * ROUNDING, 1e-10
 _OF_UNKNOWNS = 4.0 * ROUNDING
 
 
@@ -72,13 +72,26 @@ class Equations(ABC):
         Zero where there is none.
         """
 
+    def corrected(
+        self,
+        y: Array,  # noqa: ARG002
+        scale: Array,  # noqa: ARG002
+        row: Array,  # noqa: ARG002
+        limits: tuple[float, int, int],  # noqa: ARG002
+    ) -> Correction | None:
+        """Return the result of `correct` along a row, computed faster; by default None.
+
+        `limits` are its level, steps and halvings. None also where it does not converge.
+        """
+        return None
+
 
 @final
 class Correction(NamedTuple):
     """Result of Newton's method: unknowns, outcome, and the largest residual at each step.
 
-    `direction` is the `Direction` at the last iterate but one, `moved` the length of the last step
-    in scaled unknowns.
+    `direction` is the `Direction` at an iterate, `moved` the length of the steps after it in scaled
+    unknowns.
     """
 
     y: Array
@@ -122,6 +135,10 @@ def correct(
     steps, halvings : int
         Largest number of steps, and of halvings of one step.
     """
+    if row is not None:
+        found = equations.corrected(y, scale, row, (level, steps, halvings))
+        if found is not None:
+            return found
     history: list[float] = []
     direction, moved = None, np.inf
 
@@ -143,16 +160,16 @@ def correct(
             trial, f_trial, size_trial = _damped(equations, y, step * scale, size, halvings)
             if not size_trial < size:
                 moved = 0.0
-                return ended(Outcome.CONVERGED if size <= _ACCEPTABLE else Outcome.STALLED)
+                return ended(Outcome.CONVERGED if size <= ACCEPTABLE else Outcome.STALLED)
             slow = size_trial > 0.5 * size
             moved = float(np.sqrt(step @ step))
             y, f, size = trial, f_trial, size_trial
             history.append(size)
-            if slow and size <= _ACCEPTABLE:
+            if slow and size <= ACCEPTABLE:
                 return ended(Outcome.CONVERGED)
     except NoSolution as refusal:
         return ended(Outcome.UNDEFINED, str(refusal))
-    return ended(Outcome.CONVERGED if size <= _ACCEPTABLE else Outcome.LIMIT)
+    return ended(Outcome.CONVERGED if size <= ACCEPTABLE else Outcome.LIMIT)
 
 
 def _newton_step(
@@ -203,7 +220,7 @@ def _damped(
             continue
         size_trial = float(abs(f).max())
         # at rounding level a shorter step is no better
-        if size_trial < size or size <= _ACCEPTABLE:
+        if size_trial < size or size <= ACCEPTABLE:
             return trial, f, size_trial
     if refusal is not None:
         raise refusal

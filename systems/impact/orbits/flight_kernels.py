@@ -7,6 +7,12 @@ import math
 from dynkit.core.jit import kernel
 from dynkit.core.validation import Array
 
+LEAST, MOST = 24, 4096
+"""Cells of a flight."""
+
+REFINEMENTS = 12
+"""Most steps of Newton's method to a minimum."""
+
 CONVERGED = 1e-5
 """Last step of Newton's method, in cells: the next one would be the square of it."""
 

@@ -11,11 +11,6 @@ import numpy as np
 
 from dynkit.core.validation import Array
 
-LEAST, MOST = 24, 4096
-"""Cells of a flight."""
-
-_REFINEMENTS = 12
-
 
 def smallest_minimum(
     curve: Callable[[Array, int], Array], times: Array, values: Array, rounding: float = 0.0
@@ -31,7 +26,7 @@ def smallest_minimum(
     rounding : float
         What rounding leaves in values: where the rate is zero at first it makes dips of its own.
     """
-    from dynkit.systems.impact.orbits.flight_kernels import find_dips, refine_dips
+    from dynkit.systems.impact.orbits.flight_kernels import REFINEMENTS, find_dips, refine_dips
 
     found = np.empty((6, 2 * len(times)))
     at, low, high, lowest, ends = *found[:4], found[4:]
@@ -39,7 +34,7 @@ def smallest_minimum(
     if not count:
         return math.inf, math.nan
     at, lowest, step = at[:count], lowest[:count], float(times[1] - times[0])
-    for _ in range(_REFINEMENTS):
+    for _ in range(REFINEMENTS):
         if refine_dips(curve(at, 3), step, inner, rounding, at, low, high, ends, lowest):
             break
     k = int(np.argmin(lowest))
@@ -57,17 +52,25 @@ class Curve:
     lasts : float
     sizes : (2,)
         Sums of the absolute terms of it, and of its second derivative.
+    smallest : (float, float), optional
+        Smallest of the minima inside, and its time, where they are known.
     """
 
     def __init__(
-        self, values: Callable[[Array, int], Array], lasts: float, sizes: tuple[float, float]
+        self,
+        values: Callable[[Array, int], Array],
+        lasts: float,
+        sizes: tuple[float, float],
+        smallest: tuple[float, float] | None = None,
     ) -> None:
-        self.values, self.lasts, self._sizes = values, lasts, sizes
+        self.values, self.lasts, self._sizes, self._smallest = values, lasts, sizes, smallest
         self.rounding = 64.0 * 2.0**-52 * sizes[0]
 
     @cached_property
     def nodes(self) -> tuple[Array, Array]:
         """Times, and it with two derivatives (3, k), at the ends of cells that resolve it."""
+        from dynkit.systems.impact.orbits.flight_kernels import LEAST, MOST
+
         size, bend = self._sizes
         count = 4.0 * self.lasts * math.sqrt(bend / size) if size > 0.0 else 0.0
         cells = int(min(max(count, LEAST), MOST))
@@ -78,6 +81,8 @@ class Curve:
     @cached_property
     def smallest(self) -> tuple[float, float]:
         """Smallest of the minima inside, and its time; infinite where there is none."""
+        if self._smallest is not None:
+            return self._smallest
         if self.lasts <= 0.0:
             return math.inf, math.nan
         return smallest_minimum(self.values, *self.nodes, self.rounding)

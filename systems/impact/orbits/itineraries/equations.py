@@ -9,13 +9,14 @@ from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple, Self, final
 import numpy as np
 
 from dynkit.core.validation import Array
-from dynkit.orbits.newton import NoSolution, orbit_bound
+from dynkit.orbits.newton import Correction, NoSolution, orbit_bound
 from dynkit.systems.impact.elements.stops import HardStop
 from dynkit.systems.impact.modes.free_motion import free_motion
 from dynkit.systems.impact.orbits.borders import Border
 from dynkit.systems.impact.orbits.itineraries import divided, responses, shooting
 from dynkit.systems.impact.orbits.itineraries.borders import Begun, beginnings, borders_of, named
 from dynkit.systems.impact.orbits.itineraries.errors import error_of
+from dynkit.systems.impact.orbits.itineraries.correcting import TableCorrector, corrector_of
 from dynkit.systems.impact.orbits.itineraries.happening import Happening, Itinerary
 from dynkit.systems.impact.orbits.itineraries.itinerary import (
     Course,
@@ -175,11 +176,11 @@ class ItineraryEquations(ImpactProblem):
         return np.repeat([length, speed, length, 1.0], [n, n, self.dimension - 2 * n, 3])
 
     def _scene(self, p: Array) -> responses.Scene | shooting.Scene:
-        if self.responds and self._plain:
+        if self.responds and self.plain:
             # No need of a system for each value.
             values = dict(zip(self._names, p.tolist(), strict=True))
             terms = self._terms.at(self.oscillator, values)
-            own = self.oscillator, self._windows, terms, self._measures
+            own = self.oscillator, self.windows, terms, self._measures
             return responses.Scene(*own, partial(self.system, p))
         system = self.system(p) if self._names else self.oscillator
         if self.responds:
@@ -188,7 +189,8 @@ class ItineraryEquations(ImpactProblem):
         return shooting.Scene(Machine(system), system, self._measures)
 
     @cached_property
-    def _windows(self) -> Windows:
+    def windows(self) -> Windows:
+        """The gaps of all stops."""
         return windows_of(self.oscillator)
 
     @cached_property
@@ -196,7 +198,7 @@ class ItineraryEquations(ImpactProblem):
         return Terms.of(self.oscillator)
 
     @cached_property
-    def _plain(self) -> bool:
+    def plain(self) -> bool:
         """Whether the free parameters are in closed form, and change nothing but themselves."""
         own = self.oscillator
         return not own.elements and all(changes_alone(own, name) for name in self._names)
@@ -238,7 +240,7 @@ class ItineraryEquations(ImpactProblem):
         return self._scale
 
     @cached_property
-    def _units(self) -> Array:
+    def units_of_equations(self) -> Array:
         """What the equations are measured in, at the oscillator's parameters."""
         pushed = np.full(self.layout.impacts, self.sizes[1])
         units = np.concatenate([self._guard_units, pushed, self._state_units])
@@ -269,19 +271,19 @@ class ItineraryEquations(ImpactProblem):
 
     def residual(self, x: Array, p: Array) -> Array:
         with np.errstate(over="ignore", invalid="ignore"):
-            return np.asarray(self.at(x, p).left / self._units)
+            return np.asarray(self.at(x, p).left / self.units_of_equations)
 
     def rounding(self, x: Array, p: Array) -> Array:
-        return np.asarray(self.at(x, p).rounding / self._units)
+        return np.asarray(self.at(x, p).rounding / self.units_of_equations)
 
     def linearization(self, x: Array, p: Array, multiplier: complex = 1.0) -> Any:
-        return self.at(x, p).jacobian(multiplier) / self._units[:, None]
+        return self.at(x, p).jacobian(multiplier) / self.units_of_equations[:, None]
 
     def _by(self, x: Array, p: Array, k: int) -> Array:
         s = self.at(x, p)
         change = self._changes.by(p, k)
         found = None if change is None else s.change(change)
-        return self._numerically(x, p, k, s) if found is None else found / self._units
+        return self._numerically(x, p, k, s) if found is None else found / self.units_of_equations
 
     def _numerically(self, x: Array, p: Array, k: int, s: ItinerarySolution) -> Array:
         """Derivative (m,) by the free parameter number `k`, from differences."""
@@ -295,6 +297,16 @@ class ItineraryEquations(ImpactProblem):
             return self.residual(x, moved)
 
         return difference(residual, float(p[k]), h)
+
+    @cached_property
+    def _corrector(self) -> TableCorrector | None:
+        return corrector_of(self)
+
+    def corrected(
+        self, y: Array, scale: Array, row: Array, limits: tuple[float, int, int]
+    ) -> Correction | None:
+        corrector = self._corrector
+        return None if corrector is None else corrector(y, scale, row, *limits)
 
     # --- orbits -----------------------------------------------------------------------------------
 

@@ -64,6 +64,14 @@ class Assembled(NamedTuple):
     jacobian: Array
     by_frequency: Array
 
+    @classmethod
+    def of(cls, n: int, shape: tuple[int, ...]) -> Assembled:
+        """Arrays for n impacts and states of a shape, with any content."""
+        e, empty = 2 * n, np.empty
+        times = empty((n, n)), empty((n, n)), empty(n), empty(n, np.intp)
+        responses = empty((n, n, *shape)), empty((4, n, n)), empty((3, n)), empty((3, n))
+        return cls(*times, *responses, empty(e), empty((e, e)), empty(e))
+
 
 @kernel(entry=True)
 def assemble(

@@ -24,6 +24,7 @@ from dynkit.systems.impact.simulation.state import TWO_PI
 
 if TYPE_CHECKING:
     from dynkit.systems.impact.orbits.itineraries.response_kernels import Assembled
+    from dynkit.systems.impact.orbits.itineraries.watching_kernels import Watched
 
 
 @final
@@ -130,7 +131,6 @@ class ResponseSolution(ItinerarySolution):
         super().__init__(scene.oscillator, scene.measures, course, lap, scene.terms.frequency)
         self.turn = TWO_PI * round(float(lap.phases[-1] - lap.phases[0]) / TWO_PI)
         self.transition, self.kicked, self._moved = self.windows.repeated(self.period)
-        self._curves: dict[tuple[int, int], Curve] = {}
 
     @property
     def period(self) -> float:  # type: ignore[override]
@@ -153,11 +153,7 @@ class ResponseSolution(ItinerarySolution):
         """Responses to all impulses, equations and their derivatives."""
         from dynkit.systems.impact.orbits.itineraries.response_kernels import Assembled, assemble
 
-        n, e, mode, empty = len(self.sides), 2 * len(self.sides), self.mode, np.empty
-        found = empty((n, n)), empty((n, n)), empty(n), empty(n, np.intp)
-        responses = empty((n, n, *self.kicked.shape[1:])), empty((4, n, n))
-        equations = empty((3, n)), empty((3, n)), empty(e), empty((e, e)), empty(e)
-        out = Assembled(*found, *responses, *equations)
+        mode, out = self.mode, Assembled.of(len(self.sides), self.kicked.shape[1:])
         own = self.windows.rows, self.kicked, self._moved, self.sides, self.terms.numbers
         at = self.event_phases, self.impulses, self.clock, self.turn
         assemble(mode.propagators.ladder, mode.work, *own, *at, out)
@@ -296,30 +292,33 @@ class ResponseSolution(ItinerarySolution):
 
     # --- what is watched --------------------------------------------------------------------------
 
+    @cached_property
+    def watched(self) -> Watched:
+        """What the gaps of all stops do in the flights."""
+        from dynkit.systems.impact.orbits.flight_kernels import MOST
+        from dynkit.systems.impact.orbits.itineraries.watching_kernels import Watched, watch_gaps
+
+        windows, shape = self.windows, (len(self.sides), len(self.terms.rests))
+        numbers, truths = np.empty((4, *shape)), np.empty((2, *shape), bool)
+        out, buffer = Watched(*numbers, *truths), np.empty(22 * (MOST + 1))
+        kept = self.mode.propagators.ladder, self.mode.work, windows.rows, windows.bounds
+        own = self.terms.numbers, self.states, self.event_phases, self.clock
+        watch_gaps(*kept, *own, self.lasts, self.sides, self.assembled.following, buffer, out)
+        return out
+
     def curve(self, i: int, element: int, guard: int = 0) -> Curve:  # noqa: ARG002
         from dynkit.systems.impact.orbits.itineraries.response_kernels import follow_gap
 
-        if (i, element) not in self._curves:
-            t, drive = self.terms, self.terms.drives[element]
-            size, bend = self.sizes(i, element)[::2].reshape(2, -1).sum(axis=1).tolist()
-            total = size + abs(drive), bend + abs(drive) * self.clock**2
-            start, phase = self.states[i : i + 1], float(self.event_phases[i])
+        start, phase = self.states[i : i + 1], float(self.event_phases[i])
+
+        def values(since: Array, orders: int) -> Array:
             kept = self.mode.propagators.ladder, self.mode.work, self.windows.rows
+            at, out = (self.terms.numbers, start, phase, self.clock), np.empty((orders, len(since)))
+            follow_gap(*kept, element, *at, since, out)
+            return out
 
-            def values(since: Array, orders: int) -> Array:
-                out = np.empty((orders, len(since)))
-                follow_gap(*kept, element, t.numbers, start, phase, self.clock, since, out)
-                return out
-
-            self._curves[i, element] = Curve(values, float(self.lasts[i]), total)
-        return self._curves[i, element]
-
-    def sizes(self, i: int, element: int) -> Array:
-        """Bounds (4, 2, slots) of the terms of the free gap of a stop after impact number `i`.
-
-        And of its derivatives of order 1, 2 and 6.
-        """
-        return np.asarray(self.windows.bounds[element] * abs(self.states[i]))
+        size, bend, lowest, at = (float(number[i, element]) for number in self.watched[:4])
+        return Curve(values, float(self.lasts[i]), (size, bend), (lowest, at))
 
     def size_of(self, i: int, element: int, guard: int) -> float:  # noqa: ARG002
         row = self.oscillator._stops[element].row(self.oscillator.degrees_of_freedom)
