@@ -9,6 +9,7 @@ from dynkit.continuation.points import LEAST_LEVEL, Point, rescaled
 from dynkit.continuation.termination import Reason
 from dynkit.core.validation import Array
 from dynkit.orbits.newton import (
+    SHORT,
     Correction,
     Direction,
     Equations,
@@ -18,8 +19,6 @@ from dynkit.orbits.newton import (
     correct,
 )
 
-# After a last Newton step below this, in scaled unknowns, the tangent need not be computed again.
-_SHORT = 1e-8
 # Largest residual that is accepted as the rounding level of a point.
 _LARGEST_LEVEL = 1e-12
 
@@ -97,7 +96,7 @@ def _direction(
     equations: Equations, solution: Correction, near: Point, row: Array, scale: Array
 ) -> Direction | Failure:
     # after such a short step the derivative before it is accurate enough
-    if row is near.tangent and scale is near.scale and solution.moved < _SHORT:
+    if row is near.tangent and scale is near.scale and solution.moved < SHORT:
         if solution.direction is not None:
             return solution.direction
         return Failure(Reason.NO_CONVERGENCE, "the curve has no direction there")

@@ -15,6 +15,8 @@ ROUNDING = 2.0**-52
 # Residuals below the first are rounding; a solution has a residual below the second.
 _FLOOR, ACCEPTABLE = 16.0 * ROUNDING, 1e-10
 _OF_UNKNOWNS = 4.0 * ROUNDING
+SHORT = 1e-8
+"""After a last step below this, in scaled unknowns, the direction need not be computed again."""
 
 
 class NoSolution(RuntimeError):

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any, final
 import numpy as np
 
 from dynkit.core.validation import Array
-from dynkit.orbits.newton import ACCEPTABLE, Correction, Direction, Outcome
+from dynkit.orbits.newton import ACCEPTABLE, SHORT, Correction, Direction, Outcome
 from dynkit.systems.impact.orbits.itineraries.terms import Terms
 from dynkit.systems.impact.simulation.state import TWO_PI
 
@@ -78,7 +78,7 @@ class TableCorrector:
 
         y, history, tangent = guess.copy(), np.empty(steps + 1), np.empty(len(guess))
         kept = self._mode.propagators.ladder, self._mode.work, self._family
-        given = y, scale, row, level, ACCEPTABLE, halvings
+        given = y, scale, row, level, ACCEPTABLE, SHORT, halvings
         count, turn = correct(*kept, *given, history, tangent, self._buffers)
         if not count:
             return None

@@ -183,6 +183,7 @@ def correct(
     row: Array,
     level: float,
     acceptable: float,
+    short: float,
     halvings: int,
     history: Array,
     tangent: Array,
@@ -198,12 +199,12 @@ def correct(
         (2n + 1,) the guess, modified in place: phases, impulses and the parameter
     scale, row
         (2n + 1,)
-    level, acceptable, halvings
-        as there
+    level, acceptable, short, halvings
+        as there; after a last step shorter than `short` the direction is not computed again
     history
         (steps + 1,) modified in place: the largest residuals
     tangent
-        (2n + 1,) modified in place: direction of the curve along the row, at the solution
+        (2n + 1,) modified in place: direction of the curve along the row
 
     Returns
     -------
@@ -211,12 +212,14 @@ def correct(
         Number of residuals in the history, zero where there is no solution; and the sign of the
         bordered determinant.
     """
-    q, count, turn = y.shape[0], 1, 0.0
+    q, count, turn, moved = y.shape[0], 1, 0.0, math.inf
     size = _evaluate(ladder, work, family, y, b)
     history[0] = size
     for taken in range(history.shape[0]):
         if not 0.0 <= size < math.inf:
             return 0, 0.0
+        if size <= level and moved < short:
+            break
         # at the solution as well, for the direction there
         _fill(family, y, scale, row, b)
         turn = solve(b.matrix, b.targets)
@@ -240,8 +243,11 @@ def correct(
             break
         if there > 0.5 * size and there <= acceptable:
             level = acceptable
+        moved = 0.0
         for i in range(q):
             y[i] = b.y[i]
+            moved += (length * b.targets[i, 0]) ** 2
+        moved = math.sqrt(moved)
         size = there
         history[count] = size
         count += 1

@@ -40,6 +40,8 @@ class Windows:
         Change of the state by an impulse that changes the rate of the gap by one.
     pushes : (e, 2, slots, 2)
         Kicks, and their rates of change.
+    turns : (e,)
+        Change of the second derivative of the gap by such an impulse.
     vectors : (e, 4, 2N)
         Kick, its rate of change, and rows of the gap and of its rate, of the modes.
     bounds : (e, 4, 2, slots)
@@ -58,6 +60,7 @@ class Windows:
             [[mode.pairs.bound(row, order) for order in (0, 1, 2, 6)] for row in own]
         )
         pushed, count = mode.rate(self.kicks), len(contacts)
+        self.turns = (self.rows[:, 2] * self.kicks.reshape(count, -1)).sum(axis=1)
         self.pushes = np.stack([self.kicks, pushed], axis=-1)
         seen = self.rows[:, :2].reshape(count, 2, 2, -1)
         all_four = np.concatenate([self.kicks[:, None], pushed[:, None], seen], axis=1)
