@@ -183,7 +183,8 @@ class Branch(Viewed, SolutionCurve):
             When there is no such observable, or the branch was loaded without an orbit.
         """
         if name not in self._observables:
-            values = np.array([self.orbit(i).observable(name) for i in range(len(self))])
+            points = zip(self.unknowns, self.parameter[:, None], strict=True)
+            values = np.array([self.problem.observed(x, p, name) for x, p in points])
             values.setflags(write=False)
             self._observables[name] = values
         return self._observables[name]

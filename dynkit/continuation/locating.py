@@ -59,7 +59,7 @@ def locate(
     steps = 0
     heights = [_height(before, crossing), _height(after, crossing)]
     size = max(height for height in heights if height < np.inf)
-    due = 8
+    due, jacobian = 8, None
     for halving in range(_HALVINGS):
         if halving % 8 == 0 if halving > 8 else _is_plain(before, after, crossing):
             known = after.seen.branch_point if crossing.kind is BifurcationKind.BP else None
@@ -72,7 +72,9 @@ def locate(
             if blurs <= 1.0:
                 break
             due += math.ceil(min(8.0, math.log2(blurs)))
-        middle = _examined_middle(problem, curve, before, after, crossing)
+        if jacobian is None and crossing.event >= 0:
+            jacobian = curve.equations.jacobian(before.y)
+        middle = _examined_middle(problem, curve, before, after, crossing, jacobian)
         if middle is None:
             break
         steps += middle.iterations
@@ -140,18 +142,23 @@ def _blurs(curve: Continuation, before: Point, after: Point) -> float:
 
 
 def _examined_middle(
-    problem: Problem, curve: Continuation, before: Point, after: Point, crossing: Crossing
+    problem: Problem,
+    curve: Continuation,
+    before: Point,
+    after: Point,
+    crossing: Crossing,
+    jacobian: Array | None,
 ) -> Point | None:
     """A point about half-way; elsewhere within the step where there is no such orbit half-way.
 
-    For an event only the events of its orbit are computed.
+    For an event only the events of its orbit are computed, and a derivative nearby is known.
     """
     length = float(np.linalg.norm((after.y - before.y) / before.scale))
     for part in _PARTS:
-        if crossing.event < 0:
+        if jacobian is None:
             middle = curve.at(before, part * length)
         else:
-            middle = curve.between(before, after, part)
+            middle = curve.between(before, after, part, jacobian)
         if not isinstance(middle, Failure):
             with suppress(NoSolution):
                 if crossing.event < 0:

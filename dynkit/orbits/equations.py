@@ -78,6 +78,11 @@ class Problem(ABC):
     def solution(self, x: Array, p: Array, history: Sequence[float] = ()) -> Any:
         """Return the `ProblemSolution` with these unknowns, parameters and history."""
 
+    def observed(self, x: Array, p: Array, name: str) -> Array:
+        """Return an observable of a solution, as its `observable` does; it need not be made."""
+        found: Array = self.solution(x, p).observable(name)
+        return found
+
     def rounding(self, x: Array, p: Array) -> Array:
         """Return the rounding error of each equation, (m,); by default 16 roundings of one."""
         return np.full(self.size, 16.0 * _ROUNDING)

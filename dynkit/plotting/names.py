@@ -48,6 +48,7 @@ def write_names(axes: Axes, marks: list[tuple[Array, str]], size: float) -> None
     if (legend := axes.get_legend()) is not None:
         taken.append(legend.get_window_extent())
     curves = _drawn(axes, point)
+    curves = curves[np.argsort(curves[:, 0])]
     for points, name in marks:
         best: Any = None
         text: Any = axes.annotate(
@@ -68,7 +69,8 @@ def write_names(axes: Axes, marks: list[tuple[Array, str]], size: float) -> None
                 box = _moved(text, place).padded(0.5 * point)
                 inside = frame.count_contains(box.corners()) == 4
                 if inside and not any(box.overlaps(other) for other in taken):
-                    covered = box.count_contains(curves)
+                    near = slice(*np.searchsorted(curves[:, 0], [box.x0, box.x1]).tolist())
+                    covered = box.count_contains(curves[near])
                     if best is None or covered < best[0]:
                         best = covered, text.xy, place
         if best is None:

@@ -343,12 +343,16 @@ class Transitions:
         They are large near a resonance without damping.
         """
         out = np.zeros(slots)
-        parts = [(self.alone, np.moveaxis(self.own[0][..., self.alone], -1, 0))]
+        (a, b), (c, d) = self.own[0][..., self.alone]
+        whole, left = a * d - b * c, (1.0 - a) * (1.0 - d) - b * c
+        # of (1 - E)^-1 E: both numbers on its diagonal, half the sum of squares, the determinant
+        one, other, twist = (a - whole) / left, (d - whole) / left, whole / left
+        half = 0.5 * (one * one + other * other + (b * b + c * c) / (left * left))
+        out[self.alone] = np.sqrt(half + np.sqrt(np.maximum(half * half - twist * twist, 0.0)))
         if len(self.linked):
-            parts.append((self.linked, self._dense[:1]))
-        for at, matrices in parts:
-            back = np.linalg.inv(np.eye(matrices.shape[-1]) - matrices)
-            out[at] = np.linalg.norm(back @ matrices, 2, axis=(1, 2))
+            joint = self._dense[0]
+            back = np.linalg.inv(np.eye(len(joint)) - joint)
+            out[self.linked] = np.linalg.norm(back @ joint, 2)
         return out
 
     def periodic(self, states: Array, multiplier: complex = 1.0) -> Any:

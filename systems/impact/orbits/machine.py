@@ -231,11 +231,12 @@ def _kept(method: Callable[..., Any]) -> Callable[..., Any]:
     @wraps(method)
     def found(self: Machine, *given: Any) -> Any:
         key = name, *given
-        if key not in self._known:
+        made = self._known.get(key)
+        if made is None:
             made = self._known[key] = method(self, *given)
             if isinstance(made, np.ndarray):
                 made.setflags(write=False)
-        return self._known[key]
+        return made
 
     return found
 
@@ -252,7 +253,7 @@ class Machine:
     """
 
     def __init__(self, oscillator: DrivenStructure, change: Array | None = None) -> None:
-        self.size = oscillator.degrees_of_freedom
+        self.size, self.changes = oscillator.degrees_of_freedom, change is not None
         self.elements = oscillator._elements
         self.free = Regimes((0,) * len(self.elements), ())
         numbers: Any = numbers_of(oscillator)
@@ -482,9 +483,10 @@ class Machine:
 
     def _mode(self, mode: Regimes) -> tuple[Any, Any]:
         """Its flow, and rows of the forces along what is held."""
-        if mode not in self._modes:
-            self._modes[mode] = self._built(mode)
-        return self._modes[mode]
+        found = self._modes.get(mode)
+        if found is None:
+            found = self._modes[mode] = self._built(mode)
+        return found
 
     def _forced(self, mode: Regimes) -> Any:
         """Forces (N, D) in a mode, but for those of what is held."""

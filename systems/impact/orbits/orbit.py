@@ -63,6 +63,13 @@ class OrbitEquations(Protocol):
         """Largest error of a section coordinate, where so large a residual is left."""
 
 
+def observables_of(solution: Solution) -> dict[str, Array]:
+    """What `ImpactOrbit.observable` returns of a motion with impacts, by name."""
+    phases, speeds = solution.impact_phases, np.asarray(solution.relative_velocity)
+    time = np.asarray((phases - solution.phases[0]) / solution.frequency)
+    return {"relative_velocity": speeds, "phase": np.asarray(phases % TWO_PI), "time": time}
+
+
 @final
 class ImpactOrbit(KeptSolution, PeriodicOrbit):
     """A periodic orbit P(n,m), n impacts in m periods of the forcing, or P(inf,m) with sticking.
@@ -205,8 +212,7 @@ class ImpactOrbit(KeptSolution, PeriodicOrbit):
     @property
     def time(self) -> Array:
         """Times (n,) of the impacts since the first state."""
-        solution = self._solution
-        return np.asarray((solution.impact_phases - solution.phases[0]) / solution.frequency)
+        return observables_of(self._solution)["time"]
 
     @property
     def relative_velocity(self) -> Array:
@@ -257,9 +263,7 @@ class ImpactOrbit(KeptSolution, PeriodicOrbit):
     def _observables(self) -> Mapping[str, Array]:
         if not len(self._solution.impulses):
             return self.system.coordinates(self.states)
-        phases = np.asarray(self._solution.impact_phases % TWO_PI)
-        speeds = np.asarray(self.relative_velocity)
-        return {"relative_velocity": speeds, "phase": phases, "time": self.time}
+        return observables_of(self._solution)
 
     def sample(self, times: object) -> tuple[Array, Array]:
         """Positions and velocities at given times since the first state.

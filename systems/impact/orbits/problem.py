@@ -19,7 +19,7 @@ from dynkit.orbits.newton import NoSolution
 from dynkit.orbits.problem import PeriodicProblem
 from dynkit.systems.impact.orbits.borders import Border
 from dynkit.systems.impact.orbits.machine import Changes, Regimes
-from dynkit.systems.impact.orbits.orbit import ImpactOrbit
+from dynkit.systems.impact.orbits.orbit import ImpactOrbit, observables_of
 from dynkit.systems.impact.simulation.state import TWO_PI
 
 if TYPE_CHECKING:
@@ -174,6 +174,11 @@ class ImpactProblem(PeriodicProblem, WatchedProblem):
     def orbit(self, x: Array, p: Array, history: Sequence[float] = ()) -> ImpactOrbit:
         fixed = self.remade(oscillator=self.system(p), names=())
         return ImpactOrbit(fixed, x, tuple(history), Cost(0.0))
+
+    def observed(self, x: Array, p: Array, name: str) -> Array:
+        solution = self.at(x, p)
+        found = observables_of(solution) if len(solution.impulses) else {}
+        return found[name] if name in found else super().observed(x, p, name)
 
     @property
     @abstractmethod

@@ -84,6 +84,7 @@ class Chatter:
         self.machine, self.element, self.flying = machine, event.element, event.kicked
         self._rub = [k for k, _ in event.rubs]
         self.start, self.rebounds = state, rebounds
+        self._kept: Any = None
         self._followed = event._replace(mode=event.kicked)
         n, rate = machine.size, self._flights.rate_of(self.element, state)[0]
         speed = rebounds * float(rate)
@@ -209,36 +210,22 @@ class Chatter:
         """What each flight, and the impact that ends it, make of changes (D,) of the state before.
 
         Matrices (n, D, D), and what changes of the numbers add, (n, D). By how much later the
-        impact happens: rows (n, D), and (n,).
+        impact happens: rows (n, D), and (n,). The matrices and rows are kept.
         """
-        k = self.element
+        if self._kept is None:
+            self._kept = self._matrices(m, flights)
+        moved, rates, delays, steps, parts = self._kept
+        since, lasts = self._since, np.diff(self.run.time, prepend=0.0)
+        more, delay = np.zeros(since.shape), np.zeros(len(since))
+        if not m.changes:
+            return steps, more, delays, delay
+        k, added = self.element, flights.lifted(since, lasts)[1]
         row, gap_changed = m.gap(k).real, m.gap(k).imag / STEP
-        since = np.concatenate([self.start[None], self.after[:-1]])
-        flown, added = flights.lifted(since, np.diff(self.run.time, prepend=0.0))
-        moved = (flown @ since[:, :, None])[..., 0]
-        rates = self._rates(m, since + moved)
-        delays = -(row @ flown) / rates[:, None]
         delay = -(added @ row + moved @ gap_changed) / rates
-        steps, more = np.empty_like(flown), np.empty_like(added)
         r, slopes, r_changed = m.rebounds(k, rates)
         jumps = -(1.0 + r) * rates
-        ways = self._ways(m, since + moved, jumps)
-        for own in set(map(tuple, ways.tolist())):
-            i = (ways == own).all(axis=1)
-            rubs = tuple(zip(self._rub, own, strict=True))
+        for rubs, i, landed, back, put, moving in parts:
             kick, stop = m.kick(self.flying, k, rubs), m.stopped(self.flying, rubs)
-            landed = self.after[i] - np.outer(jumps[i], kick.real)
-            if 0 in own:  # what the impact took is not in the state after it
-                landed = since[i] + moved[i]
-            slope = slopes[i]
-            if (slope == slope[0]).all():  # one matrix for all impacts
-                slope = slope[:1]
-            lost = (1.0 + slope)[:, None, None] * np.outer(kick.real, m.rate(k).real)
-            through = stop.real @ (np.eye(len(row)) - lost)
-            back = through @ m.shift(k)
-            put = through - back[:, :, None] * row
-            moving = (put @ flights.rates(landed)[:, :, None])[..., 0]
-            steps[i] = put + put @ flown[i] + moving[:, :, None] * delays[i, None, :]
             faster = landed @ (m.rate(k).imag / STEP)
             changed = np.outer((1.0 + slopes[i]) * faster + rates[i] * r_changed[i], kick.real)
             changed -= np.outer(jumps[i], kick.imag / STEP)
@@ -247,6 +234,42 @@ class Chatter:
             more[i] += after @ (stop.imag / STEP).T - changed @ stop.real.T
             more[i] -= (landed @ gap_changed)[:, None] * back
         return steps, more, delays, delay
+
+    @property
+    def _since(self) -> Array:
+        """States (n, D) just after the impacts before."""
+        return np.concatenate([self.start[None], self.after[:-1]])
+
+    def _matrices(self, m: Machine, flights: Flights) -> Any:
+        """Those of `_steps`, and parts of them; of impacts with the same slip together."""
+        k, since, parts = self.element, self._since, []
+        row = m.gap(k).real
+        flown, _ = flights.lifted(since, np.diff(self.run.time, prepend=0.0))
+        moved = (flown @ since[:, :, None])[..., 0]
+        rates = self._rates(m, since + moved)
+        delays = -(row @ flown) / rates[:, None]
+        steps = np.empty_like(flown)
+        r, slopes, _ = m.rebounds(k, rates)
+        jumps = -(1.0 + r) * rates
+        ways = self._ways(m, since + moved, jumps)
+        for own in set(map(tuple, ways.tolist())):
+            i = (ways == own).all(axis=1)
+            rubs = tuple(zip(self._rub, own, strict=True))
+            kick, stop = m.kick(self.flying, k, rubs).real, m.stopped(self.flying, rubs).real
+            landed = self.after[i] - np.outer(jumps[i], kick)
+            if 0 in own:  # what the impact took is not in the state after it
+                landed = since[i] + moved[i]
+            slope = slopes[i]
+            if (slope == slope[0]).all():  # one matrix for all impacts
+                slope = slope[:1]
+            lost = (1.0 + slope)[:, None, None] * np.outer(kick, m.rate(k).real)
+            through = stop @ (np.eye(len(row)) - lost)
+            back = through @ m.shift(k)
+            put = through - back[:, :, None] * row
+            moving = (put @ flights.rates(landed)[:, :, None])[..., 0]
+            steps[i] = put + put @ flown[i] + moving[:, :, None] * delays[i, None, :]
+            parts.append((rubs, i, landed, back, put, moving))
+        return moved, rates, delays, steps, parts
 
     def _rates(self, m: Machine, before: Array) -> Array:
         """Rates (n,) of the gap before the impacts, from states (n, D) to fewer digits."""

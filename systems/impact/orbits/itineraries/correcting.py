@@ -92,10 +92,11 @@ def corrector_of(problem: Any) -> TableCorrector | None:
     if not (problem.responds and len(names) == 1 and problem.plain and len(sides) <= _MOST):
         return None
     windows, own, (name,) = problem.windows, problem.oscillator, names
-    terms = Terms.of(own)
-    clock, numbers = np.array([terms.frequency, 0.0]), np.stack([terms.numbers, 0.0 * terms.numbers])
-    if len(np.intersect1d(windows.motion.mode.propagators.links, windows.motion.mode.layout.modes)):
+    mode, terms = windows.motion.mode, Terms.of(own)
+    if len(np.intersect1d(mode.propagators.links, mode.layout.modes)):
         return None
+    clock, numbers = np.array([terms.frequency, 0.0]), np.zeros((2, *terms.numbers.shape))
+    numbers[0] = terms.numbers
     if name != "frequency":
         first = 1.0 if name == "play" else 0.0
         here, there = (Terms.of(own, {name: first + k}).numbers for k in (0.0, 1.0))

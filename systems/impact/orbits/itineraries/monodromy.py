@@ -96,9 +96,7 @@ def _passages(solution: ResponseSolution) -> tuple[Transitions, Any, Array]:
     return flights, sides[ends], saltation(r, rates, bends)[ends]
 
 
-def _product(
-    windows: Windows, blocks: Array, sides: Any, numbers: Array
-) -> tuple[Array, float]:
+def _product(windows: Windows, blocks: Array, sides: Any, numbers: Array) -> tuple[Array, float]:
     """Product (2N, 2N) of flights (n, 4, N) and the impacts after them, and its `multiply`."""
     from dynkit.systems.impact.orbits.itineraries.monodromy_kernels import multiply
 

@@ -101,7 +101,7 @@ def watch_gaps(
             size, bend = size + drive, bend + drive * clock * clock
             out.size[i, stop], out.bend[i, stop] = size, bend
             fine = 4.0 * lasts[i] * math.sqrt(bend / size) if size > 0.0 else 0.0
-            cells = int(min(max(fine, LEAST), MOST))
+            cells = max(int(fine), LEAST) if fine < MOST else MOST
             ends, m = cells + 1, 2 * cells
             times, values = buffer[:ends], buffer[ends : 4 * ends].reshape(3, ends)
             left = buffer[4 * ends :]
@@ -111,10 +111,8 @@ def watch_gaps(
             for k in range(ends):
                 times[k] = k * h
             times[cells] = lasts[i]
-            start = starts[i : i + 1]
-            follow_gap(
-                ladder, work, rows, stop, numbers, start, phases[i], clock, times, values
-            )
+            begun, phase = starts[i : i + 1], phases[i]
+            follow_gap(ladder, work, rows, stop, numbers, begun, phase, clock, times, values)
             out.lowest[i, stop], out.at[i, stop] = math.inf, math.nan
             least = math.inf
             for k in range(1, cells):
@@ -122,10 +120,8 @@ def watch_gaps(
             if lasts[i] > 0.0:
                 inner, count = find_dips(times, values, at, low, high, sides_of)
                 for _ in range(REFINEMENTS if count else 0):
-                    there = seen[: 3 * count].reshape(3, count)
-                    follow_gap(
-                        ladder, work, rows, stop, numbers, start, phases[i], clock, at[:count], there
-                    )
+                    there, when = seen[: 3 * count].reshape(3, count), at[:count]
+                    follow_gap(ladder, work, rows, stop, numbers, begun, phase, clock, when, there)
                     if refine_dips(there, h, inner, rounding, at, low, high, sides_of, lowest):
                         break
                 for k in range(count):
