@@ -15,8 +15,15 @@ from dynkit.systems.impact.simulation.state import TWO_PI
 if TYPE_CHECKING:
     from dynkit.systems.impact.orbits.itineraries.responses import Windows
 
-_RANGES = {"frequency": (5e-324, math.inf), "restitution": (0.0, 1.0)}
-"""Of parameters; of the others [0, inf)."""
+_POSITIVE = 5e-324, math.inf
+_RANGES = {
+    "frequency": _POSITIVE,
+    "restitution": (0.0, 1.0),
+    "amplitude": (0.0, math.inf),
+    "offset": (-math.inf, math.inf),
+    "play": _POSITIVE,
+}
+"""Of the parameters that are `EXACT`."""
 
 _MOST = 20
 """Impacts: LAPACK solves for more of them in less time."""
@@ -105,6 +112,5 @@ def corrector_of(problem: Any) -> TableCorrector | None:
         return None
     else:
         clock = np.array([0.0, 1.0])
-    within = _RANGES.get(name, (0.0, math.inf))
-    turn = TWO_PI * problem.periods
-    return TableCorrector(windows, clock, numbers, within, turn, sides, problem.units_of_equations)
+    own = TWO_PI * problem.periods, sides, problem.units_of_equations
+    return TableCorrector(windows, clock, numbers, _RANGES[name], *own)

@@ -1,0 +1,131 @@
+"""Kernels of orbits of one mode, against what they replace: plain steps, curves and matrices."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pytest
+
+from dynkit.continuation.initial_tangents import start_points
+from dynkit.continuation.orbit_equations import OrbitEquations
+from dynkit.core.validation import Array
+from dynkit.orbits.multipliers import product_eigenvalues
+from dynkit.orbits.newton import ROUNDING, correct, error_bound
+from dynkit.systems import SingleImpactOscillator
+from dynkit.systems.impact.orbits.flights import Curve
+from dynkit.systems.impact.orbits.itineraries import monodromy
+from dynkit.systems.impact.orbits.orbit import ImpactOrbit
+from tests.impact_orbits.test_equations import KINDS, NONE, orbit_of
+
+RESPONDING = [name for name in KINDS if not name.startswith(("ball", "free"))]
+
+LIMITS = 16.0 * ROUNDING, 10, 3
+"""Level, steps and halvings of a correction."""
+
+ALONG = [
+    ("chain", "frequency"),
+    ("chain", "restitution"),
+    ("chain, undamped", "amplitude"),
+    ("chain, play", "play"),
+    ("chain, forces", "offset"),
+    ("single, stop", "restitution"),
+]
+
+
+def corrected_twice(orbit: ImpactOrbit, parameter: str, patch: pytest.MonkeyPatch) -> Any:
+    """Equations, and what a kernel and plain steps make of a guess ahead of an orbit."""
+    problem = orbit.problem(parameter)
+    equations = OrbitEquations(problem, 1.0)
+    start = start_points(equations, np.append(orbit.unknowns, problem.values))[0]
+    guess = start.y + 1e-3 * start.tangent * start.scale
+    given = guess, start.scale, start.tangent
+    one = problem.corrected(*given, LIMITS)
+    patch.setattr(type(problem), "corrected", lambda *_: None)
+    return equations, start, one, correct(equations, *given)
+
+
+@pytest.mark.parametrize(("name", "parameter"), ALONG)
+def test_corrections_in_a_kernel_are_those_of_plain_steps(
+    name: str, parameter: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    equations, start, one, other = corrected_twice(orbit_of(name), parameter, monkeypatch)
+    jacobian = equations.jacobian(other.y)
+    bound = error_bound(equations, jacobian, other.y, start.scale, start.tangent)
+    assert (abs(one.y - other.y) <= bound).all()
+    assert one.direction.turn == other.direction.turn
+    # each is that of an iterate at most a step away
+    assert abs(one.direction.tangent - other.direction.tangent).max() < 1e-2
+
+
+def test_beyond_the_range_of_a_parameter_there_is_no_correction() -> None:
+    orbit = orbit_of("chain")
+    problem = orbit.problem("restitution")
+    y = np.append(orbit.unknowns, 1.1)
+    assert problem.corrected(y, np.ones(3), np.array([0.0, 0.0, 1.0]), LIMITS) is None
+
+
+@pytest.mark.plain
+def test_a_mass_is_corrected_and_watched(monkeypatch: pytest.MonkeyPatch) -> None:
+    orbit = SingleImpactOscillator(frequency=2.6).periodic_orbit()
+    _, _, one, other = corrected_twice(orbit, "restitution", monkeypatch)
+    assert one.y == pytest.approx(other.y, rel=1e-12)
+    assert orbit.admissible
+    assert abs(orbit.multipliers.prod()) < 1.0
+
+
+@pytest.mark.parametrize("name", RESPONDING)
+def test_the_smallest_gaps_are_those_of_the_curves(name: str) -> None:
+    orbit = orbit_of(name)
+    solution = orbit.problem().at(orbit.unknowns, NONE)
+    for i in range(len(solution.sides)):
+        for stop in range(len(solution.terms.rests)):
+            curve = solution.curve(i, stop)
+            size, bend = (float(number[i, stop]) for number in solution.watched[:2])
+            plain = Curve(curve.values, curve.lasts, (size, bend))
+            assert curve.smallest[0] == pytest.approx(plain.smallest[0], abs=curve.rounding)
+            assert curve.smallest[1] == pytest.approx(plain.smallest[1], nan_ok=True)
+
+
+@pytest.mark.parametrize("name", RESPONDING)
+def test_a_product_of_matrices_has_the_multipliers_within_their_errors(
+    name: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    orbit = orbit_of(name)
+    problem, x = orbit.problem(), orbit.unknowns
+    known = problem.factors(x, NONE)
+    assert known is not None
+    conditions: list[float] = []
+
+    def product(*given: Any) -> tuple[Array, float]:
+        matrix, condition = formed(*given)
+        conditions.append(condition)
+        return matrix, condition
+
+    formed = monodromy._product
+    monkeypatch.setattr(monodromy, "_product", product)
+    found = problem.multipliers(x, NONE)
+    apart = abs(found - product_eigenvalues(known[0]))
+    assert (apart <= orbit.multipliers_error).all()
+    if not conditions:  # of dashpots that couple the modes
+        return
+    norms = [np.linalg.norm(a) * np.linalg.norm(np.linalg.inv(a)) for a in known[0]] + [1.0]
+    expected = np.prod(norms) / max(norms) if orbit.impacts > 1 else 1.0
+    if orbit.system.restitution:
+        assert conditions[0] == pytest.approx(expected, rel=1e-6)
+    else:
+        assert orbit.impacts == 1 or conditions[0] == np.inf
+
+
+def test_a_derivative_nearby_gives_the_same_correction() -> None:
+    orbit = orbit_of("free mass")
+    problem = orbit.problem("frequency")
+    equations = OrbitEquations(problem, 1.0)
+    start = start_points(equations, np.append(orbit.unknowns, problem.values))[0]
+    guess = start.y + 1e-3 * start.tangent * start.scale
+    near = equations.jacobian(start.y)
+    plain = correct(equations, guess, start.scale, start.tangent)
+    for matrix in (near, near[::-1]):  # the second one is of other equations, and is given up
+        found = correct(equations, guess, start.scale, start.tangent, near=matrix)
+        assert found.converged
+        assert found.y == pytest.approx(plain.y, rel=1e-10)
