@@ -84,13 +84,13 @@ class TableCorrector:
         from dynkit.systems.impact.orbits.itineraries.correction_kernels import correct
 
         y, history, tangent = guess.copy(), np.empty(steps + 1), np.empty(len(guess))
-        kept = self._mode.propagators.ladder, self._mode.work, self._family
-        given = y, scale, row, level, ACCEPTABLE, SHORT, halvings
-        count, turn = correct(*kept, *given, history, tangent, self._buffers)
+        kept = self._mode.propagators.ladder, self._mode.work, self._family, y, scale, row
+        found = history, tangent, self._buffers
+        count, turn = correct(*kept, level, ACCEPTABLE, SHORT, halvings, *found)
         if not count:
             return None
-        found = tuple(history[:count].tolist())
-        return Correction(y, Outcome.CONVERGED, found, Direction(tangent, turn), 0.0)
+        residuals = tuple(history[:count].tolist())
+        return Correction(y, Outcome.CONVERGED, residuals, Direction(tangent, turn), 0.0)
 
 
 def corrector_of(problem: Any) -> TableCorrector | None:

@@ -316,8 +316,8 @@ class ResponseSolution(ItinerarySolution):
 
         def values(since: Array, orders: int) -> Array:
             kept = self.mode.propagators.ladder, self.mode.work, self.windows.rows
-            at, out = (self.terms.numbers, start, phase, self.clock), np.empty((orders, len(since)))
-            follow_gap(*kept, element, *at, since, out)
+            numbers, out = self.terms.numbers, np.empty((orders, len(since)))
+            follow_gap(*kept, element, numbers, start, phase, self.clock, since, out)
             return out
 
         size, bend, lowest, at = (float(number[i, element]) for number in self.watched[:4])
