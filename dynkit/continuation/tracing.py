@@ -30,12 +30,12 @@ class Trace:
     """Points of a curve in one direction; bifurcations with their places and directions.
 
     `centres` are the places where the branch meets a branch that it is symmetric about, each with
-    a distance, see `_ASIDE`.
+    a distance, see `_ASIDE`, and the length of the step over it.
     """
 
     points: list[Point] = field(default_factory=list)
     located: list[tuple[float, Located, Array]] = field(default_factory=list)
-    centres: list[tuple[Array, float]] = field(default_factory=list)
+    centres: list[tuple[Array, float, float]] = field(default_factory=list)
     ending: Ending | None = None
 
 
@@ -79,8 +79,9 @@ def trace(problem: Problem, curve: Continuation, inadmissible: bool) -> Trace:
         centre = point.seen.branch_point
         if centre is not None and point.seen.flat is not None:
             place = np.append(centre.x, centre.p)
-            aside = min(_ASIDE, _OF_STEP * float(np.linalg.norm(way / before.scale)))
-            found.centres.append((place, aside))
+            step = float(np.linalg.norm(way / before.scale))
+            aside = min(_ASIDE, _OF_STEP * step)
+            found.centres.append((place, aside, step))
             if _same_on_both_sides(problem, curve, before, place, aside * point.seen.flat):
                 found.ending = _ends(Reason.RETRACED, point)
                 break
@@ -127,10 +128,19 @@ def is_of_event(place: float, located: Located, events: list[tuple[float, Locate
     return any(np.isfinite(event.errors[-1]) and _at(event, located) for event in near)
 
 
-def is_of_symmetry(located: Located, centres: list[tuple[Array, float]], scale: Array) -> bool:
-    """Whether a fold is the centre of a symmetric branch."""
+def is_of_symmetry(
+    located: Located, centres: list[tuple[Array, float, float]], scale: Array
+) -> bool:
+    """Whether a fold is the centre of a symmetric branch.
+
+    Where the branch is flat the direction of a point beside the centre is rounding: a fold within
+    two steps for which Newton's method finds no solution is that.
+    """
     place = np.append(located.x, located.p)
-    near = [np.linalg.norm((place - other) / scale) < aside for other, aside in centres]
+    near = [
+        np.linalg.norm((place - other) / scale) < (aside if located.solved else 2.0 * step)
+        for other, aside, step in centres
+    ]
     return located.crossing.kind is BifurcationKind.SN and any(near)
 
 
