@@ -168,19 +168,18 @@ class Continuation:
             return _JUMPS
         return found if self._is_same(point, guess, found) else _NEAR_REPETITION
 
-    def between(self, before: Point, after: Point, part: float, jacobian: Array) -> Point | Failure:
+    def between(self, before: Point, after: Point, part: float) -> Point | Failure:
         """Return the point at a part, from 0 to 1, of the way between two, or why there is none.
 
-        Its direction is that of a point near it, where the derivative is known. The guess is on the
-        parabola along the tangent of the first point: beyond a border the second may have a
-        direction of its own.
+        Its direction is that of a point near it. The guess is on the parabola along the tangent of
+        the first point: beyond a border the second may have a direction of its own.
         """
         way = (after.y - before.y) / before.scale
         step = part * float(np.sqrt(way @ way))
         straight = step * before.tangent
         guess = before.y + before.scale * (straight + part * (part * way - straight))
         near, scale = before.tangent, before.scale
-        found = correct(self.equations, guess, scale, near, level=before.level, near=jacobian)
+        found = correct(self.equations, guess, scale, near, level=before.level)
         gap = (found.y - guess) / scale
         if found.converged and gap @ gap <= (_LARGEST_GAP * step) ** 2:
             direction = found.direction or Direction(near, before.turn)

@@ -59,7 +59,7 @@ def locate(
     steps = 0
     heights = [_height(before, crossing), _height(after, crossing)]
     size = max(height for height in heights if height < np.inf)
-    due, jacobian = 8, None
+    due = 8
     for halving in range(_HALVINGS):
         if halving % 8 == 0 if halving > 8 else _is_plain(before, after, crossing):
             known = after.seen.branch_point if crossing.kind is BifurcationKind.BP else None
@@ -72,9 +72,7 @@ def locate(
             if blurs <= 1.0:
                 break
             due += math.ceil(min(8.0, math.log2(blurs)))
-        if jacobian is None and crossing.event >= 0:
-            jacobian = curve.equations.jacobian(before.y)
-        middle = _examined_middle(problem, curve, before, after, crossing, jacobian)
+        middle = _examined_middle(problem, curve, before, after, crossing)
         if middle is None:
             break
         steps += middle.iterations
@@ -142,23 +140,18 @@ def _blurs(curve: Continuation, before: Point, after: Point) -> float:
 
 
 def _examined_middle(
-    problem: Problem,
-    curve: Continuation,
-    before: Point,
-    after: Point,
-    crossing: Crossing,
-    jacobian: Array | None,
+    problem: Problem, curve: Continuation, before: Point, after: Point, crossing: Crossing
 ) -> Point | None:
     """A point about half-way; elsewhere within the step where there is no such orbit half-way.
 
-    For an event only the events of its orbit are computed, and a derivative nearby is known.
+    For an event only the events of its orbit are computed.
     """
     length = float(np.linalg.norm((after.y - before.y) / before.scale))
     for part in _PARTS:
-        if jacobian is None:
+        if crossing.event < 0:
             middle = curve.at(before, part * length)
         else:
-            middle = curve.between(before, after, part, jacobian)
+            middle = curve.between(before, after, part)
         if not isinstance(middle, Failure):
             with suppress(NoSolution):
                 if crossing.event < 0:

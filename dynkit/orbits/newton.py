@@ -15,8 +15,6 @@ ROUNDING = 2.0**-52
 # Residuals below the first are rounding; a solution has a residual below the second.
 _FLOOR, ACCEPTABLE = 16.0 * ROUNDING, 1e-10
 _OF_UNKNOWNS = 4.0 * ROUNDING
-# A derivative that is not that of the iterate is given up where a step leaves more of the residual.
-_FALL = 0.1
 SHORT = 1e-8
 """After a last step below this, in scaled unknowns, the direction need not be computed again."""
 
@@ -120,7 +118,6 @@ def correct(
     level: float = _FLOOR,
     steps: int = 10,
     halvings: int = 3,
-    near: Array | None = None,
 ) -> Correction:
     """Solve R(y) = 0 from a guess by damped Newton steps.
 
@@ -139,8 +136,6 @@ def correct(
         Largest residual that needs no further step.
     steps, halvings : int
         Largest number of steps, and of halvings of one step.
-    near : (n, q) array, optional
-        The derivative near the guess; it is used as long as the residual falls to a tenth.
     """
     if row is not None:
         found = equations.corrected(y, scale, row, (level, steps, halvings))
@@ -161,15 +156,10 @@ def correct(
                 return ended(Outcome.CONVERGED)
             if not size < np.inf:
                 return ended(Outcome.UNDEFINED)
-            jacobian = equations.jacobian(y) if near is None else near
-            step, direction = _newton_step(jacobian, f, scale, row)
+            step, direction = _newton_step(equations.jacobian(y), f, scale, row)
             if step is None:
                 return ended(Outcome.SINGULAR)
             trial, f_trial, size_trial = _damped(equations, y, step * scale, size, halvings)
-            if near is not None and size > level and not size_trial <= _FALL * size:
-                near = None
-                if not size_trial < size:
-                    continue
             if not size_trial < size:
                 moved = 0.0
                 return ended(Outcome.CONVERGED if size <= ACCEPTABLE else Outcome.STALLED)

@@ -116,17 +116,3 @@ def test_a_product_of_matrices_has_the_multipliers_within_their_errors(
         assert conditions[0] == pytest.approx(expected, rel=1e-6)
     else:
         assert orbit.impacts == 1 or conditions[0] == np.inf
-
-
-def test_a_derivative_nearby_gives_the_same_correction() -> None:
-    orbit = orbit_of("free mass")
-    problem = orbit.problem("frequency")
-    equations = OrbitEquations(problem, 1.0)
-    start = start_points(equations, np.append(orbit.unknowns, problem.values))[0]
-    guess = start.y + 1e-3 * start.tangent * start.scale
-    near = equations.jacobian(start.y)
-    plain = correct(equations, guess, start.scale, start.tangent)
-    for matrix in (near, near[::-1]):  # the second one is of other equations, and is given up
-        found = correct(equations, guess, start.scale, start.tangent, near=matrix)
-        assert found.converged
-        assert found.y == pytest.approx(plain.y, rel=1e-10)
