@@ -83,7 +83,8 @@ class OrbitEquations(CurveEquations):
     def corrected(
         self, y: Array, scale: Array, row: Array, limits: tuple[float, int, int]
     ) -> Correction | None:
-        return self.problem.corrected(y, scale, row, limits)
+        found: Correction | None = self.problem.corrected(y, scale, row, limits)
+        return found
 
 
 def distance_from_curve(equations: Equations, jacobian: Array, y: Array) -> Array:

@@ -13,7 +13,6 @@ import numpy as np
 from dynkit.core.cost import Cost
 from dynkit.core.reprs import Tabled
 from dynkit.core.validation import Array, read_only
-from dynkit.orbits.newton import Correction
 from dynkit.orbits.spectrum import Spectrum
 from dynkit.viewer.series import Series
 
@@ -91,9 +90,7 @@ class Problem(ABC):
         """Return the error of the linearization, (m, m), beyond rounding; zero by default."""
         return 0.0
 
-    def corrected(
-        self, y: Array, scale: Array, row: Array, limits: tuple[float, int, int]
-    ) -> Correction | None:
+    def corrected(self, y: Array, scale: Array, row: Array, limits: tuple[float, int, int]) -> Any:
         """Return the result of Newton's method for (x, p) along a row; None where it is not known.
 
         See `dynkit.orbits.newton.Equations.corrected`. By default None.
