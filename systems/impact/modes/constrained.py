@@ -147,22 +147,41 @@ def forces_along(structure: Structure, fixed: Sequence[Element], slips: Sequence
     """Forces (h, N) along the rows of what holds or sticks, as sums of forces on coordinates."""
     if not slips:
         return _grip(structure, fixed).weights
-    rows = _rows(structure, fixed)
-    push = rows.T.copy()  # what a unit force of each does, with the friction that it causes
-    for friction, stop, traction in slips:
-        push[:, list(fixed).index(stop)] += traction * friction.row(structure.size)
+    rows, own = _rows(structure, fixed), list(fixed)
+    push = pushes(rows, [(own.index(s), f.row(structure.size), t) for f, s, t in slips])
     inertia = np.linalg.solve(structure.mass, rows.T).T
-    effect = inertia @ push
+    check_unique(inertia, rows, push, slips[0].friction)
+    return np.asarray(np.linalg.solve(inertia @ push, inertia))
+
+
+def pushes(rows: Array, slips: Sequence[tuple[int, Array, float]]) -> Array:
+    """What unit forces along rows (h, N) do, with the friction that they cause, (N, h).
+
+    Friction that slips is the number of its normal force, its row (N,), and its traction.
+    """
+    push = rows.T.copy()
+    for number, row, traction in slips:
+        push[:, number] += traction * row
+    return push
+
+
+def check_unique(inertia: Array, rows: Array, push: Array, friction: Element) -> None:
+    """Whether contact forces follow from accelerations: `inertia` (h, N) is rows over masses.
+
+    Raises
+    ------
+    ContactParadox
+        When they do not.
+    """
     size = np.sqrt(np.diag(inertia @ rows.T))
-    scaled = effect / np.outer(size, size)
+    scaled = inertia @ push / np.outer(size, size)
     with np.errstate(divide="ignore"):
         inverse = np.linalg.inv(scaled) if np.linalg.det(scaled) > ROUNDING else -np.eye(len(rows))
     if not (np.diag(scaled) > ROUNDING).all() or not (np.diag(inverse) > 0.0).all():
         raise ContactParadox(
             "friction at a contact is so large that the contact force has no unique value; "
-            f"got {slips[0].friction!r}"
+            f"got {friction!r}"
         )
-    return np.asarray(np.linalg.solve(effect, inertia))
 
 
 def _tractions(

@@ -11,6 +11,7 @@ import numpy as np
 from dynkit.core.validation import Array
 from dynkit.systems.impact.elements.element import Regime, Watch
 from dynkit.systems.impact.elements.stops import HardStop
+from dynkit.systems.impact.modes.constrained import pushes
 from dynkit.systems.impact.modes.structure import pivots_of
 from dynkit.systems.impact.modes.taylor_chart import Chart
 from dynkit.systems.impact.modes.taylor_equations import Plan, numbers_of
@@ -19,7 +20,7 @@ from dynkit.systems.impact.modes.taylor_scene import Scene
 _INDEPENDENT = 1e-9
 """Relative size from which on a row depends on no others."""
 
-_NEVER = 0.0, 0.0, 0.0, 1.0, 0.0
+_NEVER = 0.0, 0.0, 0.0, 1.0, 0.0, 0.0
 """What a guard watches that does not exist in a regime."""
 
 
@@ -37,8 +38,9 @@ class Charts:
         regimes: Sequence[Regime],
         grips: tuple[tuple[int, ...], tuple[int, ...]],
         guards: Sequence[tuple[int, Watch]],
+        slips: Sequence[tuple[int, int, float]],
     ) -> None:
-        self._scene, self._regimes = scene, regimes
+        self._scene, self._regimes, self._slips = scene, regimes, slips
         self._held, self._sticking = grips
         self._guards: list[tuple[int, Watch | None]] = []
         self._events: list[int] = []
@@ -114,6 +116,8 @@ class Charts:
             len(scene.elements),
             tuple((k, function.form) for k, function in scene.curves.items()),
             scene.sliders,
+            slips=tuple((k, stop) for k, stop, _ in self._slips),
+            normals=tuple(scene.normal.items()),
         )
         head = [0.0, scene.excitation.frequency]
         of_curves = [function.numbers for function in scene.curves.values()]
@@ -167,24 +171,27 @@ class Charts:
         if scene.motion.equations.constant_mass and not held:
             zero = np.zeros(n)
             mass, _ = scene.motion.inertia(scene.excitation.frequency, zero, zero, 0.0)
-            rows = scene.rows[[*self._held, *self._sticking]]
-            groups += [(part, False) for part in _through(mass, rows)]
+            both = [*self._held, *self._sticking]
+            slips = [(both.index(stop), scene.rows[k], t) for k, stop, t in self._slips]
+            groups += [(part, False) for part in _through(mass, scene.rows[both], slips)]
+        else:
+            groups.append((np.array([t for *_, t in self._slips]), True))
         yields = dict(zip(scene.sliders, joints.tolist(), strict=True))
         watches = [_watched(watch, yields.get(k)) for k, watch in self._guards]
         slides = np.array([k in scene.sliders for k, _ in self._guards], dtype=bool)
-        vary = np.outer(slides, (False, True, False, True, True))
-        return own, [*groups, (np.array(watches).reshape(-1, 5), vary)]
+        vary = np.outer(slides, (False, True, False, True, True, False))
+        return own, [*groups, (np.array(watches).reshape(-1, 6), vary)]
 
 
 def _watched(watch: Watch | None, joint: Sequence[float] | None) -> tuple[float, ...]:
-    """Factors of gap, rate and force, level, and factor of what is left until a slider yields."""
+    """Factors of gap, rate, force; level; factors of what is left of a spring, and of a normal."""
     if watch is None:
         return _NEVER
     if joint is None or not watch.stretch:
-        return watch.gap, watch.rate, watch.force, watch.level, 0.0
+        return watch.gap, watch.rate, watch.force, watch.level, 0.0, watch.normal
     along, reach = watch.stretch * joint[0], joint[1]
     level = 0.0 if along < 0.0 else watch.level + along * reach
-    return watch.gap, watch.rate, watch.force, level, -along
+    return watch.gap, watch.rate, watch.force, level, -along, 0.0
 
 
 def independent(rows: Array) -> bool:
@@ -195,20 +202,21 @@ def independent(rows: Array) -> bool:
     return bool(np.linalg.svd(rows / lengths[:, None], compute_uv=False)[-1] > _INDEPENDENT)
 
 
-def _through(mass: Array, rows: Array) -> list[Array]:
+def _through(mass: Array, rows: Array, slips: Sequence[tuple[int, Array, float]]) -> list[Array]:
     """How forces (N,) and prescribed accelerations (h,) act, where the mass matrix is constant.
 
-    Accelerations by both, (N, N) and (N, h), and forces along the rows by both.
+    Accelerations by both, (N, N) and (N, h), and forces along the rows by both, with those of
+    friction that slips at contacts: see `pushes`.
     """
     inverse: Array = np.asarray(np.linalg.inv(mass), dtype=float)
     if np.count_nonzero(mass) == len(mass):
         inverse = np.diag(1.0 / np.diag(mass))
     if not len(rows):
         return [inverse]
-    response = inverse @ rows.T
+    along, response = rows @ inverse, inverse @ pushes(rows, slips)
     stiff = np.linalg.inv(rows @ response)
     given = response @ stiff
-    through = inverse - given @ response.T
-    size = abs(inverse) + abs(given) @ abs(response.T)
+    through = inverse - given @ along
+    size = abs(inverse) + abs(given) @ abs(along)
     through[abs(through) < 2.0**-48 * size] = 0.0
-    return [through, given, -given.T, stiff]
+    return [through, given, -stiff @ along, stiff]

@@ -16,6 +16,10 @@ if TYPE_CHECKING:
     from dynkit.systems.structure.functions import Form
 
 
+_WATCHED = 6
+"""Numbers of a guard."""
+
+
 @final
 @dataclass(frozen=True)
 class Plan:
@@ -41,6 +45,10 @@ class Plan:
     carries : bool
         Whether the gaps along functions, their rates, and slip velocities of sliders are variables,
         besides the coordinates. Then the stretch is counted from where the slider yields.
+    slips : tuple of (int, int)
+        Friction that slips at the contact with a stop, and that stop.
+    normals : tuple of (int, int)
+        Friction at the contact with a stop, and that stop.
     """
 
     equations: Equations
@@ -54,11 +62,13 @@ class Plan:
     curves: tuple[tuple[int, Form], ...] = ()
     sliders: tuple[int, ...] = ()
     carries: bool = True
+    slips: tuple[tuple[int, int], ...] = ()
+    normals: tuple[tuple[int, int], ...] = ()
 
     @property
     def without_guards(self) -> Plan:
         """The same without guards, whose numbers come last, and without gaps along functions."""
-        kinds = self.kinds[: len(self.kinds) - 5 * len(self.guards)]
+        kinds = self.kinds[: len(self.kinds) - _WATCHED * len(self.guards)]
         return replace(self, kinds=kinds, guards=(), carries=False)
 
     @property
@@ -231,7 +241,9 @@ class _Builder:
         if plan.eliminates:
             mass = series("the energies", [m for row in equations.mass for m in row], symbols)
             matrix = np.array(mass, dtype=object).reshape(n, n)
-            return _constrained(matrix, f, self._rows, both, moved)
+            tractions = zip(plan.slips, self.leaves(len(plan.slips)), strict=True)
+            slips = [(both.index(stop), self._rows[k], t) for (k, stop), t in tractions]
+            return _constrained(matrix, f, self._rows, both, moved, slips)
         through, given = self.leaves(n, n), self.leaves(n, len(both))
         pull, stiff = self.leaves(len(both), n), self.leaves(len(both), len(both))
         known = [*f, *moved]
@@ -284,6 +296,9 @@ class _Builder:
         if not _zero(watch[2]):
             number = (*self._plan.held, *self._plan.sticking).index(k)
             terms.append((watch[2] * self._own[k, 0], press[number]))
+        if not _zero(watch[5]):
+            stop = dict(self._plan.normals)[k]
+            terms.append((watch[5] * self._own[stop, 0], press[self._plan.held.index(stop)]))
         return _total(terms)
 
 
@@ -296,7 +311,7 @@ def system_of(hy: Any, plan: Plan) -> tuple[list[Any], list[Any], list[Any]]:
     build = _Builder(hy, plan)
     a, press = build.accelerations()
     rates = [hy.expression(d) if isinstance(d, float) else d for d in build.rates(a)]
-    watches = build.leaves(len(plan.guards), 5)
+    watches = build.leaves(len(plan.guards), _WATCHED)
     pairs = zip(watches, plan.guards, strict=True)
     first = [*build.zx, *build.springs.values(), *build.gaps.values()]
     variables = [*first, *build.zv, *build.slips.values()]
@@ -309,13 +324,24 @@ def _applied(matrix: Any, values: list[Any]) -> list[Any]:
 
 
 def _constrained(
-    mass: Any, f: list[Any], rows: Any, both: tuple[int, ...], moved: list[Any]
+    mass: Any,
+    f: list[Any],
+    rows: Any,
+    both: tuple[int, ...],
+    moved: list[Any],
+    slips: list[tuple[int, Any, Any]],
 ) -> tuple[list[Any], list[Any]]:
-    """Accelerations, and forces along the rows of elements that hold: by elimination."""
+    """Accelerations, and forces along the rows of elements that hold: by elimination.
+
+    Friction that slips adds to these: the number of its normal force, its row, and its traction.
+    """
     n, h = len(f), len(both)
     right = np.empty((n, 1 + h), dtype=object)
     right[:, 0] = f
     right[:, 1:] = rows[list(both)].T if h else np.empty((n, 0), dtype=object)
+    for number, row, traction in slips:
+        for i in range(n):
+            right[i, 1 + number] = _total([(1.0, right[i, 1 + number]), (traction, row[i])])
     solved = _solved(mass, right)
     a, press = list(solved[:, 0]), list[Any]()
     if h:
@@ -331,7 +357,7 @@ def _constrained(
 
 
 def _solved(matrix: Any, right: Any) -> Any:
-    """Solution of a symmetric positive definite system of expressions, without pivoting."""
+    """Solution of a system of expressions whose principal minors are positive, by elimination."""
     a, b, n = matrix.copy(), right.copy(), len(matrix)
     for k in range(n):
         for i in range(k + 1, n):

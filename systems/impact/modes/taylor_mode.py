@@ -12,6 +12,7 @@ from dynkit.core.differences import STEP
 from dynkit.core.validation import Array
 from dynkit.systems.impact.elements.element import Element, Regime, Watch
 from dynkit.systems.impact.elements.stops import HardStop
+from dynkit.systems.impact.modes.constrained import check_unique, pushes
 from dynkit.systems.impact.modes.steady_response import Layout
 from dynkit.systems.impact.modes.taylor_chart import Chart
 from dynkit.systems.impact.modes.taylor_charts import Charts
@@ -42,6 +43,9 @@ class TaylorMode:
         after those of sliders.
     events : int
         Number of guards that end a flight.
+    slips : tuple of (int, int, float)
+        Friction that slips at contacts, the stops there, and its force over the contact force, both
+        counted along the rows.
     layout : Layout
     bodies, size : int
         Number of coordinates, N, and with those of sliders, N + J.
@@ -53,14 +57,17 @@ class TaylorMode:
         regimes: Sequence[Regime],
         grips: tuple[tuple[int, ...], tuple[int, ...]],
         guards: Sequence[tuple[int, Watch]],
+        slips: Sequence[tuple[int, int, float]] = (),
     ) -> None:
+        self.slips = tuple(slips)
         self.scene, self.regimes, self.guards = scene, tuple(regimes), tuple(guards)
         self.held, self.sticking = grips
         self.events = sum(not watch.at_once for _, watch in guards)
         n = self.bodies = scene.size
         p = self.size = n + len(scene.sliders)
         self.layout = Layout(np.arange(p), p, -1, p + 1, p + 1)
-        self._charts = Charts(scene, self.regimes, grips, self.guards[: self.events])
+        ending = self.guards[: self.events]
+        self._charts = Charts(scene, self.regimes, grips, ending, self.slips)
         self._slides = [self.regimes[k].stretch for k in scene.sliders]
 
     @property
@@ -154,25 +161,48 @@ class TaylorMode:
         sine, cosine = state[:, -1].tolist()
         mass, force = scene.motion.inertia(scene.excitation.frequency, x, v, phase)
         given = force + scene.forces(sine, cosine)
-        pushes = np.zeros(len(scene.elements))
+        found = np.zeros(len(scene.elements))
         for k, regime in enumerate(self.regimes):
             if regime.acts:
                 gap, rate = self.gap(k, x, v, sine, cosine)
                 gap = self.stretch(k, state) if k in scene.sliders else gap
-                pushes[k] = regime.push - regime.stiffness * gap - regime.damping * rate
+                found[k] = regime.push - regime.stiffness * gap - regime.damping * rate
         signs = np.array([element.sign for element in scene.elements])
-        total = given + (signs * pushes) @ scene.rows if len(pushes) else given
+        total = given + (signs * found) @ scene.rows if len(found) else given
         a: Array = np.asarray(np.linalg.solve(mass, total), dtype=float)
         both = [*self.held, *self.sticking]
         if both:
             rows = scene.rows_at(x)[both]
-            response = np.linalg.solve(mass, rows.T)
+            response = np.linalg.solve(mass, self._pushes(rows))
             swings = np.array([scene.prescribed(k, sine, cosine)[2] for k in both])
             moved = swings - scene.bends(x, v)[both]
             along = np.linalg.solve(rows @ response, moved - rows @ a)
             a = a + response @ along
-            pushes[both] = signs[both] * along
-        return a, pushes, given
+            found[both] = signs[both] * along
+            for k, stop, traction in self.slips:
+                found[k] += signs[k] * signs[stop] * traction * found[stop]
+        return a, found, given
+
+    def _pushes(self, rows: Array) -> Array:
+        """What unit forces along the rows (h, N) of what holds and sticks do, (N, h)."""
+        both = (*self.held, *self.sticking)
+        slips = [(both.index(stop), self.scene.rows[k], t) for k, stop, t in self.slips]
+        return pushes(rows, slips)
+
+    def check(self, state: Array) -> None:
+        """Whether contact forces are unique at a state (2, N + J + 1).
+
+        Raises
+        ------
+        ContactParadox
+            When friction leaves them open.
+        """
+        if self.slips:
+            ((x, _, phase),) = self._given(state[None])
+            mass, rows = self.scene.inertia(x, phase)
+            rows = rows[[*self.held, *self.sticking]]
+            inertia = np.linalg.solve(mass, rows.T).T
+            check_unique(inertia, rows, self._pushes(rows), self.scene.elements[self.slips[0][0]])
 
     def gap(self, k: int, x: Array, v: Array, sine: Any, cosine: Any) -> tuple[Any, Any]:
         """Gap of an element and its rate, at positions and velocities (..., N)."""
@@ -218,7 +248,11 @@ class TaylorMode:
         if watch.force:
             _, pushes, given = self.balance(state)
             value += watch.force * float(pushes[k])
-            size += abs(watch.force) * float(abs(given).sum() + abs(pushes).sum())
+            if watch.normal:
+                value += watch.normal * float(pushes[scene.normal[k]])
+            size += (abs(watch.force) + abs(watch.normal)) * float(
+                abs(given).sum() + abs(pushes).sum()
+            )
         return float(value), ROUNDING * size
 
     # --- impulses ---------------------------------------------------------------------------------
@@ -253,6 +287,11 @@ class TaylorMode:
 
     def kick_in(self, scene: Scene, k: int, x: Array, phase: Any) -> Array:
         """The kick in a scene that differs in its numbers, also with imaginary changes."""
+        response, own = self._pushed(scene, k, x, phase)
+        return np.asarray(scene.elements[k].sign * response / own)
+
+    def _pushed(self, scene: Scene, k: int, x: Array, phase: Any) -> tuple[Array, Any]:
+        """Velocity changes (N,) by a unit impulse along an element, and that of its own rate."""
         both, mass, all_rows = [*self.held, *self.sticking], *scene.inertia(x, phase)
         row = all_rows[k]
         response = np.linalg.solve(mass, row)
@@ -260,7 +299,13 @@ class TaylorMode:
             rows = all_rows[both]
             inner = np.linalg.solve(mass, rows.T)
             response = response - inner @ np.linalg.solve(rows @ inner, rows @ response)
-        return np.asarray(scene.elements[k].sign * response / (row @ response))
+        return response, row @ response
+
+    def takes(self, k: int, x: Array, phase: Any) -> Any:
+        """Most that an impact takes from the slip velocity of friction, over the gap's rate."""
+        scene = self.scene
+        own, over = (self._pushed(scene, j, x, phase)[1] for j in (k, scene.normal[k]))
+        return max(regime.traction for regime in scene.elements[k].regimes) * own / over
 
     def pushed(self, row: Array) -> Array:
         """Velocity changes (N,) of an impulse that changes the rate of a row by one.

@@ -29,12 +29,15 @@ class Scene:
     elements : tuple of Element
     curves : dict
         Functions of the coordinates along which elements act, by the numbers of these.
+    normal : dict
+        Number of the hard stop on which friction leans, by the number of that friction.
     """
 
     motion: Motion
     excitation: Excitation
     elements: tuple[Element, ...]
     curves: dict[int, CoordinateFunction]
+    normal: dict[int, int]
 
     @property
     def size(self) -> int:
@@ -77,7 +80,7 @@ class Scene:
             end = count + len(function.numbers)
             moved = function.numbers + 1j * numbers[count:end]
             curves[k], count = type(function)(function.form, moved, function.text), end
-        return Scene(motion, self.excitation, self.elements, curves)
+        return Scene(motion, self.excitation, self.elements, curves, self.normal)
 
     def bends(self, x: Array, v: Array) -> Array:
         """What velocities add to the accelerations along the elements, (elements,)."""

@@ -41,7 +41,7 @@ from dynkit.systems.impact.modes.constrained import (
 from dynkit.systems.impact.modes.mode import Mode, transformed
 from dynkit.systems.impact.modes.structure import ROUNDING, Excitation, Structure
 from dynkit.systems.impact.simulation.regimes import Parts
-from dynkit.systems.impact.simulation.scraping import Scrape, packed, scrapes_of, stopping
+from dynkit.systems.impact.simulation.scraping import packed, scrapes_of, stopping
 
 MOST_NUMBERS = 1 << 25
 """Limit on the numbers in all changes of basis between modes: 256 MB."""
@@ -67,7 +67,7 @@ class Guard:
         The closed stop that an impact opens, or the sticking element that it moves; -1 for none.
     ambiguous : bool
         Whether an impact pushes against a closed stop, or friction leaves its outcome open.
-    scrapes : tuple of Scrape
+    scrapes : tuple of Scrape, or of Rub
         Friction at an impact.
     """
 
@@ -80,7 +80,7 @@ class Guard:
     change: Any = None
     opens: int = -1
     ambiguous: bool = False
-    scrapes: tuple[Scrape, ...] = ()
+    scrapes: Any = ()
 
 
 class Grip(NamedTuple):

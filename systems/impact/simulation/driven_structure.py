@@ -347,14 +347,21 @@ class DrivenStructure(LagrangianStructure):
             return self._taylor_automaton()
         if not self.elements and not isinstance(self.restitution, ImpactLaw):
             return Rebounding(self._alike, self.restitution)
-        tolerance, given = self.chatter_tolerance, self._elements
-        named = dict(zip(names_of(self.elements), self.elements, strict=True))
-        normal = {
+        given = self._structure, self._excitation, self._elements, self.chatter_tolerance
+        return Automaton(*given, self._normal)
+
+    @property
+    def _normal(self) -> dict[int, int]:
+        """Number of the hard stop on which friction leans, by the number of that friction."""
+        named, given = (
+            dict(zip(names_of(self.elements), self.elements, strict=True)),
+            self._elements,
+        )
+        return {
             k: next(j for j, stop in enumerate(given) if stop is named[e.leans_on])
             for k, e in enumerate(given)
             if e.leans_on
         }
-        return Automaton(self._structure, self._excitation, given, tolerance, normal)
 
     @property
     def _alike(self) -> Automaton:
@@ -378,7 +385,8 @@ class DrivenStructure(LagrangianStructure):
         from dynkit.systems.impact.modes.taylor_scene import Scene
         from dynkit.systems.impact.simulation.taylor_automaton import TaylorAutomaton
 
-        scene = Scene(self._motion, self._excitation, self._elements, self._curves)
+        given = self._motion, self._excitation, self._elements
+        scene = Scene(*given, self._curves, self._normal)
         return TaylorAutomaton(self._structure, scene)
 
     @cached_property

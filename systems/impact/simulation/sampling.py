@@ -11,6 +11,7 @@ from dynkit.core.validation import Array
 from dynkit.systems.impact.elements.element import EventKind
 from dynkit.systems.impact.elements.laws import ImpactLaw, Restitution, share
 from dynkit.systems.impact.modes.mode import Mode
+from dynkit.systems.impact.modes.taylor_mode import TaylorMode
 from dynkit.systems.impact.simulation.trajectory import Events, Trajectory
 
 if TYPE_CHECKING:
@@ -36,22 +37,35 @@ def sample_run(oscillator: DrivenStructure, run: Trajectory, times: Array) -> tu
         for number in np.unique(parts.guard[k]).tolist():
             here = bouncing[parts.guard[k] == number]
             guard, some = oscillator._automaton.guards[number], which[here]
-            stop, mode = oscillator._stops[guard.element], oscillator._automaton.modes[guard.mode]
             given = parts.speed[some], parts.rest[some], since[here]
-            lift, rise = _bounces(stop.restitution, *given)
-            if stop.curved:
-                moved = np.array([mode.kick(guard.element, at) for at in x[here]])
-            else:
-                kick = stop.sign * mode.pushed(oscillator._contacts[guard.element].row)
-                moved = np.tile(kick[: x.shape[1]], (len(here), 1))
-            for part in guard.scrapes:
-                friction = oscillator._elements[part.element]
-                rub = friction.sign * mode.pushed(friction.row(len(kick)))[: x.shape[1]]
-                pushed = _pushing(oscillator, run, part.element, some)
-                moved += part.ratio * np.outer(pushed, rub)
+            lift, rise = _bounces(oscillator._stops[guard.element].restitution, *given)
+            moved = _bouncing(oscillator, run, guard, some, x[here])
             x[here] += lift[:, None] * moved
             v[here] += rise[:, None] * moved
     return x, v
+
+
+def _bouncing(
+    oscillator: DrivenStructure, run: Trajectory, guard: Any, some: Array, x: Array
+) -> Array:
+    """Velocity changes (m, N) over that of the gap, in bounces at positions (m, N)."""
+    automaton, elements = oscillator._automaton, oscillator._elements
+    mode, stop = automaton.modes[guard.mode], elements[guard.element]
+    if isinstance(mode, TaylorMode) and not mode.constant_kicks:
+        moved = np.array([mode.kick(guard.element, at) for at in x])
+        for i, at in enumerate(x):
+            for k, ratio in automaton.scrapes(guard, at, 0.0):
+                pushed = _pushing(oscillator, run, k, some[i : i + 1])
+                moved[i] += ratio * pushed * mode.kick(k, at)
+        return moved
+    kick = stop.sign * mode.pushed(oscillator._contacts[guard.element].row)
+    moved = np.tile(kick[: x.shape[1]], (len(x), 1))
+    for part in guard.scrapes:
+        friction = elements[part.element]
+        rub = friction.sign * mode.pushed(friction.row(len(kick)))[: x.shape[1]]
+        pushed = _pushing(oscillator, run, part.element, some)
+        moved += part.ratio * np.outer(pushed, rub)
+    return moved
 
 
 def _pushing(oscillator: DrivenStructure, run: Trajectory, element: int, some: Array) -> Array:

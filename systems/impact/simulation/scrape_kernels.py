@@ -44,33 +44,37 @@ def _change(
     left[int(tables.scraped[g, f, 2]), MOTION] = STILL if stops else FLIGHT
 
 
+@kernel(entry=True)
+def taken(w: float, most: float) -> tuple[float, bool]:
+    """Change of a slip velocity by an impact that takes so much at most; whether that is all."""
+    stops = abs(w) <= most
+    return -w if stops else -math.copysign(most, w), stops
+
+
 @kernel()
 def scrape(tables: Tables, g: int, jump: float, left: Array, states: Array) -> None:
     """Friction at an impact that has changed the rate of the gap by `jump`; in place."""
     for f in range(tables.scraped.shape[1]):
         most = tables.scraped[g, f, 0] * jump
         if most > 0.0:
-            w = _slip(tables, g, f, states, 0)
-            stops = abs(w) <= most
-            change = -w if stops else -math.copysign(most, w)
+            change, stops = taken(_slip(tables, g, f, states, 0), most)
             _change(tables, g, f, change, stops, left, states)
 
 
-@kernel()
-def _tail(
-    tables: Tables, g: int, f: int, r: float, u: float, second: float, states: Array
+@kernel(entry=True)
+def tail(
+    ratio: float, w: float, pull: float, r: float, u: float, second: float, tolerance: float
 ) -> tuple[bool, bool, float, float]:
     """Whether friction slips, or sticks, throughout the bounces from relative velocity `u` on.
 
     Then whether it sticks, by how much w changes as contact takes their place, and the error of
-    places by that.
+    places by that. In flight w changes at the rate `pull`, and that of the gap at `second`.
 
     Bounce i leaves at u r^i, takes 2 u r^i/a and ends with an impulse of (1 + r) u r^i. Contact has
     the impulse of a over the same time, which is more by u in the sum: slip gets that back. What
     sticks moves in each flight and is stopped at its end.
     """
-    ratio, a = tables.scraped[g, f, 0], -second
-    w, pull = _slip(tables, g, f, states, 0), _slip(tables, g, f, states, 1)
+    a = -second
     flight, takes = 2.0 * abs(pull) / a, ratio * (1.0 + r)
     margin = _SAFE * (flight + takes) * u / (1.0 - r)
     for sign in (1.0, -1.0):
@@ -80,7 +84,15 @@ def _tail(
             return True, False, sign * ratio * u, 0.0
     moved = (abs(w) + flight * u) * (2.0 * u / a) / (1.0 - r * r)
     stuck = abs(w) + (1.0 + _SAFE) * flight * u <= (1.0 - _SAFE) * takes * u
-    return stuck and (moved <= tables.tolerance or u <= SMALLEST), True, -w, moved
+    return stuck and (moved <= tolerance or u <= SMALLEST), True, -w, moved
+
+
+@kernel()
+def _tail(
+    tables: Tables, g: int, f: int, r: float, u: float, second: float, states: Array
+) -> tuple[bool, bool, float, float]:
+    w, pull = _slip(tables, g, f, states, 0), _slip(tables, g, f, states, 1)
+    return tail(tables.scraped[g, f, 0], w, pull, r, u, second, tables.tolerance)
 
 
 @kernel()

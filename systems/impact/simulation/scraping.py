@@ -16,6 +16,13 @@ from dynkit.systems.impact.modes.structure import ROUNDING, Structure
 from dynkit.systems.impact.simulation.regimes import Parts
 
 
+class Rub(NamedTuple):
+    """Friction at an impact, and what it takes of its slip at most, over the jump of the gap."""
+
+    element: int
+    ratio: float
+
+
 class Scrape(NamedTuple):
     """Friction at an impact.
 
@@ -48,29 +55,49 @@ def scrapes_of(
     stop: int,
 ) -> tuple[tuple[Scrape, ...], bool]:
     """Friction at an impact at a stop, and whether the masses leave its outcome open."""
-    size, both = structure.size, sum(parts.grips(regimes), ())
-    rubs = [k for k, normal in parts.normal.items() if normal == stop]
-    fixed = [elements[k].row(size) for k in (*both, stop)]
-    found, open_ = [], False
-    for k in rubs:
-        friction = elements[k]
-        assert isinstance(friction, DryFriction)
-        row, along = friction.row(size), parts.along(both, k)
-        change = structure.contact(row).response
-        others = fixed + [elements[j].row(size) for j in rubs if j != k]
-        coupled = any(abs(o @ change) > ROUNDING * (abs(o) @ abs(change)) for o in others)
-        if coupled and along is not True and friction.kinetic > 0.0:
-            open_ = True
-        elif along is False and mode.forced.basis is not None:
-            contact, normal = mode.contact(row), mode.contact(elements[stop].row(size))
-            over = contact.row @ contact.response / (normal.row @ normal.response)
-            ratio = friction.kinetic * float(over)
-            slip = sum_of(mode, friction, Watch(to=0, rate=1.0), -1)
-            kick = friction.sign * mode.placed(contact.kick)
-            moved = ratio * contact.dragged
-            excursion = mode.forced.basis.coordinates(*moved)
-            found.append(Scrape(k, ratio, slip, kick, excursion, float(abs(moved).max())))
+    size, found = structure.size, []
+    rows = np.array([element.row(size) for element in elements])
+    rubs, open_ = rubbing(structure.mass, rows, elements, parts, regimes, stop)
+    for k in rubs if mode.forced.basis is not None else ():
+        friction, contact, normal = elements[k], mode.contact(rows[k]), mode.contact(rows[stop])
+        over = contact.row @ contact.response / (normal.row @ normal.response)
+        ratio = _kinetic(friction) * float(over)
+        slip = sum_of(mode, friction, Watch(to=0, rate=1.0), -1)
+        kick = friction.sign * mode.placed(contact.kick)
+        moved = ratio * contact.dragged
+        excursion = mode.forced.basis.coordinates(*moved)
+        found.append(Scrape(k, ratio, slip, kick, excursion, float(abs(moved).max())))
     return tuple(found), open_
+
+
+def rubbing(
+    mass: Array,
+    rows: Array,
+    elements: Sequence[Element],
+    parts: Parts,
+    regimes: tuple[int, ...],
+    stop: int,
+) -> tuple[list[int], bool]:
+    """Friction that an impact at a stop makes rub, and whether the masses leave its outcome open.
+
+    By the mass matrix (N, N) and the rows (elements, N).
+    """
+    both, found, open_ = sum(parts.grips(regimes), ()), list[int](), False
+    rubs = [k for k, normal in parts.normal.items() if normal == stop]
+    for k in rubs:
+        change, along = np.linalg.solve(mass, rows[k]), parts.along(both, k)
+        others = rows[[*both, stop, *(j for j in rubs if j != k)]]
+        coupled = (abs(others @ change) > ROUNDING * (abs(others) @ abs(change))).any()
+        if coupled and along is not True and _kinetic(elements[k]) > 0.0:
+            open_ = True
+        elif along is False:
+            found.append(k)
+    return found, open_
+
+
+def _kinetic(friction: Element) -> float:
+    assert isinstance(friction, DryFriction)
+    return friction.kinetic
 
 
 def packed(scrapes: Sequence[Scrape], most: int, slots: int) -> tuple[Array, Array]:

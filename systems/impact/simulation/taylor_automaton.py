@@ -19,6 +19,7 @@ from dynkit.systems.impact.modes.taylor_mode import TaylorMode
 from dynkit.systems.impact.modes.taylor_scene import Scene
 from dynkit.systems.impact.simulation.automaton import Guard, cycled_by, halts
 from dynkit.systems.impact.simulation.regimes import Parts
+from dynkit.systems.impact.simulation.scraping import Rub, rubbing
 
 
 @final
@@ -42,14 +43,14 @@ class TaylorAutomaton:
     Raises
     ------
     ValueError
-        When elements act along rows that depend on one another, or are friction with a coefficient.
+        When elements act along rows that depend on one another.
     """
 
     def __init__(self, structure: Structure, scene: Scene) -> None:
         check_elements(scene)
         self._structure, self._scene = structure, scene
         self._elements = scene.elements
-        self.parts = Parts(scene.elements, structure, {})
+        self.parts = Parts(scene.elements, structure, scene.normal)
         self.sliders = {k: scene.size + i for i, k in enumerate(scene.sliders)}
         self.modes: list[TaylorMode] = []
         self.regimes: list[tuple[int, ...]] = []
@@ -115,15 +116,17 @@ class TaylorAutomaton:
                 jams = along is None and watch.event == IMPACT
                 watched.append((k, replace(watch, event=JAM) if jams else watch))
         watched.sort(key=lambda pair: (pair[1].at_once, pair[0] in self.sliders))
-        mode = TaylorMode(self._scene, now, grips, watched)
+        mode = TaylorMode(self._scene, now, grips, watched, self.parts.tractions(regimes))
         self.first.append(len(self.guards))
+        self.modes.append(mode)
+        self.regimes.append(regimes)
         for k, watch in watched:
             guard = Guard(number, k, watch, None)
             if watch.event == IMPACT and mode.constant_kicks:
                 guard.opens, guard.ambiguous = self.parts.pushed(regimes, k)
+                guard.scrapes, open_ = self._rubs(guard, np.zeros(mode.bodies), 0.0)
+                guard.ambiguous = guard.ambiguous or open_
             self.guards.append(guard)
-        self.modes.append(mode)
-        self.regimes.append(regimes)
 
     def outcome(self, guard: Guard, x: Array, phase: float) -> tuple[int, bool]:
         """What an impact at positions (N,) and a phase opens or moves, -1 for none.
@@ -133,7 +136,20 @@ class TaylorAutomaton:
         if self.modes[guard.mode].constant_kicks:
             return guard.opens, guard.ambiguous
         there = self._scene.inertia(x, phase)
-        return self.parts.pushed(self.regimes[guard.mode], guard.element, there)
+        opens, ambiguous = self.parts.pushed(self.regimes[guard.mode], guard.element, there)
+        return opens, ambiguous or self._rubs(guard, x, phase)[1]
+
+    def scrapes(self, guard: Guard, x: Array, phase: float) -> tuple[Rub, ...]:
+        """Friction at an impact at positions (N,) and a phase."""
+        if self.modes[guard.mode].constant_kicks:
+            return guard.scrapes
+        return self._rubs(guard, x, phase)[0]
+
+    def _rubs(self, guard: Guard, x: Array, phase: float) -> tuple[tuple[Rub, ...], bool]:
+        """The same, and whether the masses leave the outcome open."""
+        mode, given = self.modes[guard.mode], (self.parts, self.regimes[guard.mode], guard.element)
+        found, open_ = rubbing(*self._scene.inertia(x, phase), self._elements, *given)
+        return tuple(Rub(k, float(mode.takes(k, x, phase))) for k in found), open_
 
     def jams(self, guard: Guard, x: Array, phase: float) -> bool:
         """Whether a stop there is hit along what others hold."""
@@ -160,12 +176,6 @@ def check_elements(scene: Scene) -> None:
         As `TaylorAutomaton`.
     """
     elements, rows = scene.elements, list[Any]()
-    for element in elements:
-        if element.leans_on:
-            raise ValueError(
-                "friction with a coefficient needs quadratic energies, and those of this structure "
-                f"are not; got {element!r}"
-            )
     rigid = [
         k
         for k, e in enumerate(elements)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -33,6 +34,7 @@ def chatter(
     allowed: float,
     u: float,
     found: Array,
+    rubs: Sequence[tuple[int, float]],
 ) -> tuple[float | None, float]:
     """Duration of the bounces of a gap from a velocity on, None where they are not over; the error.
 
@@ -49,6 +51,8 @@ def chatter(
         Tolerance of the change; with 0 none is left out.
     found : (order + 1,)
         Taylor coefficients of the gap.
+    rubs : sequence of (int, float)
+        Friction at the impacts, and the most that it takes of its slip over the gap's rate.
     """
     a, r = -2.0 * float(found[2]), None if isinstance(law, ImpactLaw) else law
     part = float(share(law, np.array([u]))[0]) if isinstance(law, ImpactLaw) else 1.0 - law
@@ -62,7 +66,7 @@ def chatter(
     terms = abs(found[3:]) * order * (order - 1) * rest ** (order - 2.0)
     if float(terms.sum()) > 0.25 * part * a or terms[-1] > 1e-6 * a:
         return None, 0.0
-    largest, drag = coupling(mode, chart, k, state)
+    largest, drag = coupling(mode, chart, k, state, rubs)
     third = 6.0 * float(found[3])
     place = 0.025 * u * rest * rest * (abs(drag - third / a) + abs(drag))
     if largest * lost > allowed or place > _PLACE * allowed > 0.0:
@@ -70,7 +74,9 @@ def chatter(
     return 0.5 * rest if r is None else _bounces(u, r, a, drag, third), largest * lost
 
 
-def coupling(mode: TaylorMode, chart: Chart, k: int, state: Array) -> tuple[float, float]:
+def coupling(
+    mode: TaylorMode, chart: Chart, k: int, state: Array, rubs: Sequence[tuple[int, float]]
+) -> tuple[float, float]:
     """Largest change by a brief excursion of a gap, over its integral; and the gap's drag.
 
     Positions of the others change by the derivative of their accelerations by the rate of the gap,
@@ -95,6 +101,10 @@ def coupling(mode: TaylorMode, chart: Chart, k: int, state: Array) -> tuple[floa
     moved = through[others, p]
     turned = by_gap[others] + through[np.ix_(others, others)] @ moved
     largest = max(abs(part).max(initial=0.0) for part in (moved, turned, by_gap[others]))
+    for j, ratio in rubs:
+        rub = ratio * mode.kick(j, x, phase)
+        pulled = by_v @ rub
+        largest += max(abs(pulled).max(), abs(by_x @ rub + by_v @ pulled).max())
     return float(largest) or 1.0, -float(through[p, p])
 
 

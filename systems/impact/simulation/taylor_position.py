@@ -9,6 +9,7 @@ import numpy as np
 
 from dynkit.core.validation import Array
 from dynkit.systems.impact.elements.element import IMPACT
+from dynkit.systems.impact.elements.friction import LANDED
 from dynkit.systems.impact.simulation.state import TOUCHED, TWO_PI, ImpactState, Motion, on_stop
 
 if TYPE_CHECKING:
@@ -61,6 +62,10 @@ class Position:
         for k in set(self._mode.held) & set(self._mode.scene.curves):
             x, v = self._onto(k, x, v, 0.0)
         state = self._mode.state(x, v, *self._turn)
+        self._mode.check(state)
+        for k in self._mode.scene.normal:
+            if self._automaton.regimes[self._number][k] == LANDED:
+                self._motion[k] = FLIGHT
         self._chart: Chart = self._mode.chart(self._left, state)
         self._z = self._chart.coordinates(x, v, *self._turn)
         self._mode.settled(self._chart, self._z)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any, final
 
 import numpy as np
@@ -10,7 +11,10 @@ import numpy as np
 from dynkit.core.validation import Array
 from dynkit.systems.impact.elements.element import HALT, IMPACT, JAM, JUMP, REST, SWITCH
 from dynkit.systems.impact.elements.laws import ImpactLaw
+from dynkit.systems.impact.modes.constrained import ContactParadox
 from dynkit.systems.impact.modes.taylor_mode import ROUNDING, horner
+from dynkit.systems.impact.simulation.scrape_kernels import tail, taken
+from dynkit.systems.impact.simulation.scraping import Rub
 from dynkit.systems.impact.simulation.state import TWO_PI, ImpactState, Motion, state_of
 from dynkit.systems.impact.simulation.taylor_chatter import chatter
 from dynkit.systems.impact.simulation.taylor_log import Log
@@ -80,7 +84,7 @@ class TaylorCourse(Position):
         # Faster impacts than a part of this speed are no chatter.
         moved = max((stop.amplitude for stop in oscillator._stops), default=0.0)
         slow = max(_SLOW * moved * oscillator.frequency, _LOW * self._tolerance ** (1.0 / 3.0))
-        self._slow = slow if moved else math.inf
+        self._slowly = slow if moved else math.inf
         self._since, self._last_switches = 0.0, 0
         self._switches: list[tuple[float, float, float, int, int, Array]] = []
         self._remaining = self._period
@@ -112,14 +116,13 @@ class TaylorCourse(Position):
         log, done, strobed = Log(count if store else 0, self._mode), 0, self._oscillator._strobed
         guards = self._automaton.guards
         while done < count:
-            self._settle()
-            if self.ending is not Ending.COUNT_REACHED:
-                break
-            number = self._fly()
+            try:
+                number = self._next()
+            except ContactParadox:
+                self.ending, number = Ending.PARADOX, None
             if number is None:
                 break
             if number >= 0 and guards[number].watch.event != IMPACT:
-                self._change(number)
                 if not self._automaton.marks(number):
                     continue
                 number = guards[number].partner
@@ -135,6 +138,16 @@ class TaylorCourse(Position):
             done += 1
             self.impacts += 1
         return log.impacts()
+
+    def _next(self) -> int | None:
+        """Settle, fly, and enter another mode where the guard is no impact: see `_fly`."""
+        self._settle()
+        number = self._fly() if self.ending is Ending.COUNT_REACHED else None
+        if number is None or number < 0:
+            return number
+        if self._automaton.guards[number].watch.event != IMPACT:
+            self._change(number)
+        return number
 
     def _fly(self) -> int | None:
         """Fly to the next guard; -1 where a period of the section ends; None where a run ends."""
@@ -208,7 +221,8 @@ class TaylorCourse(Position):
             return
         k, place, stuck = guard.element, self._place(), self._mode.sticking
         before, self._number = self._number, self._automaton.enter(number)
-        self._motion[k] = FLIGHT if guard.watch.event == HALT else moved
+        sticks = self._oscillator._elements[k].regimes[guard.watch.to].sticks
+        self._motion[k] = FLIGHT if sticks else moved
         self._speed[k] = 0.0
         self._slide(before, halts=guard.watch.event == SWITCH and bool(guard.watch.rate))
         self._enter(*place)
@@ -266,6 +280,8 @@ class TaylorCourse(Position):
         kick = self._kick(k)
         if kick is not None:
             z[n:] -= (1.0 + r) * rate * kick
+        for j, ratio in self._scrapes(guard):
+            self._slow(j, *taken(float(z[n + self._chart.speeds[j]]), -(1.0 + r) * rate * ratio))
         z[place], z[n + place] = ABOVE, 0.0 - r * rate
         self._speed[k], self._motion[k] = 0.0 - r * rate, BOUNCED
         if k in self._chart.curves:
@@ -282,6 +298,39 @@ class TaylorCourse(Position):
             self._disturb()
             self._speed[k] = float(self._z[n + place])
         return number
+
+    def _scrapes(self, guard: Any) -> tuple[Rub, ...]:
+        """Friction at an impact."""
+        if not self._automaton.parts.normal:
+            return ()
+        where = self._bodies()[0], math.atan2(*self._turn)
+        found: tuple[Rub, ...] = self._automaton.scrapes(guard, *where)
+        return found
+
+    def _slow(self, k: int, change: float, stops: bool) -> None:
+        """Change the slip velocity of friction by an impulse, which may stop it."""
+        kick, place = self._kick(k), self._half + self._chart.speeds[k]
+        if kick is None:
+            self._z[place] += change
+        else:
+            self._z[self._half :] += change * kick
+        self._motion[k] = FLIGHT
+        if stops:
+            self._z[place] = 0.0
+
+    def _tails(self, rubs: Sequence[Rub], series: Array, k: int) -> Any:
+        """Changes of slip as contact takes the place of bounces, and their error; None if open."""
+        found, error, r, u = list[tuple[int, float, bool]](), 0.0, self._laws[k], self._speed[k]
+        second = 2.0 * float(series[self._chart.places[k], 2])
+        for j, ratio in rubs:
+            slip = series[self._half + self._chart.speeds[j]]
+            motion = float(slip[0]), float(slip[1])
+            known, stops, change, moved = tail(ratio, *motion, r, u, second, self._tolerance)
+            if not known:
+                return None
+            error += moved
+            found.append((j, change, stops))
+        return found, error
 
     def _canonical(self, k: int) -> None:
         """The coordinates that a simulation from this state would begin with."""
@@ -388,7 +437,7 @@ class TaylorCourse(Position):
         """Decide whether a stop that has just been hit holds: enter contact if it does."""
         chart, u = self._chart, self._speed[k]
         self._motion[k] = BOUNCES
-        if u >= self._slow:
+        if u >= self._slowly:
             return
         if k not in chart.places:
             self._left = k
@@ -402,16 +451,23 @@ class TaylorCourse(Position):
         if u == 0.0:
             rest = 0.0 if self._presses(k) else None
         else:
-            found = chart.coefficients(self._z, *self._turn)[chart.places[k]]
+            series = chart.coefficients(self._z, *self._turn)
+            found = series[chart.places[k]]
             a = -2.0 * float(found[2])
             if a > 0.0:
                 self._bounce = 4.0 * u / a
-                law, state = self._laws[k], self._state()
-                rest, lost = chatter(self._mode, chart, k, state, law, self._tolerance, u, found)
+                rubs = self._scrapes(self._automaton.guards[number])
+                given = self._laws[k], self._tolerance, u, found, rubs
+                rest, lost = chatter(self._mode, chart, k, self._state(), *given)
+                if rest is not None:
+                    slows = self._tails(rubs, series, k)
+                    rest = rest if slows else None
         if rest is None:
             return
         if u > 0.0:
-            self._chatter_error += lost
+            self._chatter_error += lost + slows[1]
+            for change in slows[0]:
+                self._slow(*change)
             kick = self._kick(k)
             if kick is not None:
                 self._z[self._half :] -= u * kick

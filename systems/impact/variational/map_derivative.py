@@ -17,7 +17,7 @@ from dynkit.systems.impact.simulation.parameters import changes_alone
 from dynkit.systems.impact.simulation.runs import trajectory_of
 from dynkit.systems.impact.simulation.state import ImpactState
 from dynkit.systems.impact.variational.saltation import reset
-from dynkit.systems.impact.variational.taylor_derivative import followed, hit
+from dynkit.systems.impact.variational.taylor_derivative import followed, hit, rubbed, rubs_on
 
 _ORDERS = 16
 """Terms of Taylor series for the smallest step: the remainder is below 3e-17."""
@@ -124,7 +124,9 @@ def _by_variations(oscillator: DrivenStructure, state: ImpactState, run: Traject
     stop, (sine, cosine) = oscillator._stops[side], end[:, -1].tolist()
     rate, speed = float(mode.gap(side, *end[:, :n], sine, cosine)[1]), float(run.log.speed[-1])
     slope, r = _slope(stop, rate, speed), -speed / rate
+    rubs = rubbed(oscillator, guard, end, out, slope, r)
     out, before = hit(mode, side, end, out, slope, r)
+    out = out + rubs
     own = slope if side == 1 and oscillator._faces else -slope
     others = oscillator._others[side]
     return np.vstack([out[others], out[n + others], out[2 * n : -1], own * before, out[-1]])
@@ -224,11 +226,10 @@ def _kept_slipping(
 
     What slips gets back what contact takes too much; of what sticks nothing is left.
     """
-    automaton, times = oscillator._automaton, run.switches.time
+    automaton = oscillator._automaton
     guard = automaton.guards[int(run.switches.guard[k])]
-    after = [automaton.guards[g] for g in run.switches.guard[k:][times[k:] == times[k]].tolist()]
     for part in guard.scrapes:
-        to = next((g.watch.to for g in after if g.element == part.element), STICKS)
+        to = rubs_on(automaton, run.switches.time[k:], run.switches.guard[k:], part.element)
         if to == STICKS:
             by = -_row(part.slip, 0)
             change = float(by @ y.ravel()) - part.slip.offset

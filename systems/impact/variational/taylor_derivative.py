@@ -10,8 +10,10 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from dynkit.core.differences import STEP
 from dynkit.core.validation import Array
-from dynkit.systems.impact.elements.element import HALT, IMPACT
+from dynkit.systems.impact.elements.element import IMPACT
+from dynkit.systems.impact.elements.friction import FORWARD, STICKS
 from dynkit.systems.impact.variational.saltation import reset
 
 if TYPE_CHECKING:
@@ -61,8 +63,12 @@ def followed(oscillator: DrivenStructure, run: Trajectory, lifted: Array) -> tup
                 later = -(row @ out) / float(row @ rate)
             out = out + np.outer(rate, later)
             ended = ended + later
-        if i < last - 1 and guard.watch.event in (IMPACT, HALT):
-            out = hit(mode, guard.element, state, out, 0.0, 0.0)[0]
+        sticks = mode.scene.elements[guard.element].regimes[guard.watch.to].sticks
+        if i < last - 1 and (guard.watch.event == IMPACT or sticks):
+            rubs = 0.0
+            if guard.watch.event == IMPACT and float(s.speed[i + 1]) > 0.0:
+                rubs = _kept(oscillator, guard, s.begin[i + 1 :], s.guard[i + 1 :], state, out)
+            out = hit(mode, guard.element, state, out, 0.0, 0.0)[0] + rubs
     return out, state
 
 
@@ -82,6 +88,86 @@ def hit(
         moved = np.concatenate([disturbances[:n], disturbances[-1:]])
         out[n : 2 * n] -= (1.0 + r) * rate * (by_place @ moved)
     return out, by_rate
+
+
+def rubs_on(automaton: Any, times: Array, guards: Array, element: int) -> int:
+    """Regime of friction as contact begins at the first of some events, by those at its time."""
+    now = (automaton.guards[g] for g in guards[times == times[0]].tolist())
+    return next((g.watch.to for g in now if g.element == element), STICKS)
+
+
+def rubbed(
+    oscillator: DrivenStructure,
+    guard: Any,
+    state: Array,
+    disturbances: Array,
+    slope: float,
+    r: float,
+) -> Array:
+    """Change (2 N + J + 1, d) of disturbances before an impact by its friction."""
+    automaton, stop, out = oscillator._automaton, guard.element, 0.0 * disturbances
+    mode: TaylorMode = automaton.modes[guard.mode]
+    (x, v), (sine, cosine) = mode.motion(state), state[:, -1].tolist()
+    rate = float(mode.gap(stop, x, v, sine, cosine)[1])
+    for k, ratio in automaton.scrapes(guard, x, float(np.arctan2(sine, cosine))):
+        w = float(mode.gap(k, x, v, sine, cosine)[1])
+        if abs(w) <= -(1.0 + r) * ratio * rate:
+            out += _slowed(mode, k, state, disturbances, w, rate_row(mode, k, state), None)
+        else:
+            own = np.sign(w) * (1.0 + r) * rate, -np.sign(w) * (1.0 + slope)
+            row = own[1] * rate_row(mode, stop, state)
+            out += _slowed(mode, k, state, disturbances, -own[0], row, ratio)
+    return out
+
+
+def _kept(
+    oscillator: DrivenStructure,
+    guard: Any,
+    times: Array,
+    guards: Array,
+    state: Array,
+    disturbances: Array,
+) -> Array:
+    """The same as contact takes the place of bounces: what slips gets back what that takes more."""
+    automaton, out = oscillator._automaton, 0.0 * disturbances
+    mode: TaylorMode = automaton.modes[guard.mode]
+    (x, v), (sine, cosine) = mode.motion(state), state[:, -1].tolist()
+    u = float(mode.gap(guard.element, x, v, sine, cosine)[1])
+    for k, ratio in automaton.scrapes(guard, x, float(np.arctan2(sine, cosine))):
+        to = rubs_on(automaton, times, guards, k)
+        if to == STICKS:
+            w = float(mode.gap(k, x, v, sine, cosine)[1])
+            out += _slowed(mode, k, state, disturbances, w, rate_row(mode, k, state), None)
+        else:
+            sign = -1.0 if to == FORWARD else 1.0
+            row = sign * rate_row(mode, guard.element, state)
+            out += _slowed(mode, k, state, disturbances, sign * u, row, ratio)
+    return out
+
+
+def _slowed(
+    mode: TaylorMode,
+    k: int,
+    state: Array,
+    disturbances: Array,
+    lost: float,
+    row: Array,
+    ratio: float | None,
+) -> Array:
+    """Change of disturbances where friction takes `lost` of its slip, times the ratio if given.
+
+    Its derivative by the state is the row (2 N + J + 1,); ratio and kick depend on the place.
+    """
+    n, out, over = mode.bodies, 0.0 * disturbances, 1.0 if ratio is None else ratio
+    x, phase = mode.motion(state)[0], float(np.arctan2(*state[:, -1]))
+    out[n : 2 * n] = -over * np.outer(mode.kick(k, x, phase), row @ disturbances)
+    if not mode.constant_kicks:
+        here = np.append(x, phase) + 1j * STEP * np.eye(n + 1)
+        kicks = [mode.kick_in(mode.scene, k, at[:-1], at[-1]) for at in here]
+        parts = [1.0 if ratio is None else mode.takes(k, at[:-1], at[-1]) for at in here]
+        by = np.array([a * b for a, b in zip(kicks, parts, strict=True)]).imag.T / STEP
+        out[n : 2 * n] -= lost * (by @ np.concatenate([disturbances[:n], disturbances[-1:]]))
+    return out
 
 
 def rate_row(mode: TaylorMode, k: int, state: Array) -> Array:

@@ -238,6 +238,11 @@ def _outcome(
             "no periodic orbit found: masses leave open what friction does at an impact; got "
             f"{machine.elements[stop]!r}"
         )
+    if flights.varies:
+        raise NoConvergence(
+            "no periodic orbit found: friction with a coefficient needs a constant mass matrix; got "
+            f"{machine.elements[stop]!r}"
+        )
     jump = (1.0 + machine.restitution(stop)) * approach
     slips = [(part.element, float(machine.rate(part.element) @ z)) for part in guard.scrapes]
     return event._replace(rubs=tuple((k, way(w, machine.takes(mode, k) * jump)) for k, w in slips))

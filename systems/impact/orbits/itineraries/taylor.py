@@ -90,9 +90,12 @@ class TaylorSolution(ShootingSolution):
             before[i, :d], before[i, d:] = state, self._turning[i]
             pushed = before[i]
             if event.kicked:
-                self._kicks[i] = self.flights(event.kicked).kick(event.element, before[i])
+                flights = self.flights(event.kicked)
+                self._kicks[i] = flights.kick(event.element, before[i], event.rubs)
                 pushed = pushed + self.impulses[self.impulse_of[i]] * self._kicks[i]
-            after[i], self._put[i] = self._modes[i].begun(event, pushed)
+            stopped = self.machine.stopped(event.kicked, event.rubs) if event.rubs else np.eye(d + 3)
+            after[i], put = self._modes[i].begun(event, stopped @ pushed)
+            self._put[i] = put @ stopped.real
             start, lasts = after[i], self.durations[i]
             if event.chatters:
                 chatters[i] = self._chatter(i, after[i])
