@@ -484,10 +484,6 @@ def test_unknown_arguments_of_energies_are_named() -> None:
 @pytest.mark.parametrize(
     ("elements", "message"),
     [
-        (
-            [TABLE, DryFriction(0, coefficient=0.1, normal="table")],
-            "friction with a coefficient needs quadratic energies",
-        ),
         ([TABLE, DryFriction(1, force=0.1)], "must act along rows that do not depend on one anoth"),
     ],
 )

@@ -149,7 +149,7 @@ def forces_along(structure: Structure, fixed: Sequence[Element], slips: Sequence
         return _grip(structure, fixed).weights
     rows, own = _rows(structure, fixed), list(fixed)
     push = pushes(rows, [(own.index(s), f.row(structure.size), t) for f, s, t in slips])
-    inertia = np.linalg.solve(structure.mass, rows.T).T
+    inertia: Array = np.asarray(np.linalg.solve(structure.mass, rows.T).T, dtype=float)
     check_unique(inertia, rows, push, slips[0].friction)
     return np.asarray(np.linalg.solve(inertia @ push, inertia))
 

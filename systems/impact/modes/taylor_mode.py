@@ -201,7 +201,7 @@ class TaylorMode:
             ((x, _, phase),) = self._given(state[None])
             mass, rows = self.scene.inertia(x, phase)
             rows = rows[[*self.held, *self.sticking]]
-            inertia = np.linalg.solve(mass, rows.T).T
+            inertia: Array = np.asarray(np.linalg.solve(mass, rows.T).T, dtype=float)
             check_unique(inertia, rows, self._pushes(rows), self.scene.elements[self.slips[0][0]])
 
     def gap(self, k: int, x: Array, v: Array, sine: Any, cosine: Any) -> tuple[Any, Any]:

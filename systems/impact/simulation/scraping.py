@@ -58,14 +58,16 @@ def scrapes_of(
     size, found = structure.size, []
     rows = np.array([element.row(size) for element in elements])
     rubs, open_ = rubbing(structure.mass, rows, elements, parts, regimes, stop)
-    for k in rubs if mode.forced.basis is not None else ():
+    basis = mode.forced.basis
+    for k in rubs if basis is not None else ():
+        assert basis is not None
         friction, contact, normal = elements[k], mode.contact(rows[k]), mode.contact(rows[stop])
         over = contact.row @ contact.response / (normal.row @ normal.response)
         ratio = _kinetic(friction) * float(over)
         slip = sum_of(mode, friction, Watch(to=0, rate=1.0), -1)
         kick = friction.sign * mode.placed(contact.kick)
         moved = ratio * contact.dragged
-        excursion = mode.forced.basis.coordinates(*moved)
+        excursion = basis.coordinates(*moved)
         found.append(Scrape(k, ratio, slip, kick, excursion, float(abs(moved).max())))
     return tuple(found), open_
 

@@ -142,13 +142,15 @@ class TaylorAutomaton:
     def scrapes(self, guard: Guard, x: Array, phase: float) -> tuple[Rub, ...]:
         """Friction at an impact at positions (N,) and a phase."""
         if self.modes[guard.mode].constant_kicks:
-            return guard.scrapes
+            known: tuple[Rub, ...] = guard.scrapes
+            return known
         return self._rubs(guard, x, phase)[0]
 
     def _rubs(self, guard: Guard, x: Array, phase: float) -> tuple[tuple[Rub, ...], bool]:
         """The same, and whether the masses leave the outcome open."""
-        mode, given = self.modes[guard.mode], (self.parts, self.regimes[guard.mode], guard.element)
-        found, open_ = rubbing(*self._scene.inertia(x, phase), self._elements, *given)
+        mode, now = self.modes[guard.mode], self.regimes[guard.mode]
+        mass, rows = self._scene.inertia(x, phase)
+        found, open_ = rubbing(mass, rows, self._elements, self.parts, now, guard.element)
         return tuple(Rub(k, float(mode.takes(k, x, phase))) for k in found), open_
 
     def jams(self, guard: Guard, x: Array, phase: float) -> bool:

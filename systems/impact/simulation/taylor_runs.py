@@ -320,7 +320,8 @@ class TaylorCourse(Position):
 
     def _tails(self, rubs: Sequence[Rub], series: Array, k: int) -> Any:
         """Changes of slip as contact takes the place of bounces, and their error; None if open."""
-        found, error, r, u = list[tuple[int, float, bool]](), 0.0, self._laws[k], self._speed[k]
+        found, error, u = list[tuple[int, float, bool]](), 0.0, self._speed[k]
+        r: Any = self._laws[k]
         second = 2.0 * float(series[self._chart.places[k], 2])
         for j, ratio in rubs:
             slip = series[self._half + self._chart.speeds[j]]
@@ -508,7 +509,7 @@ class TaylorCourse(Position):
         motion, speed = Motion.FLIGHT, 0.0
         if stops:
             motion, speed = MOTIONS[self._motion[element]], self._speed[element]
-        if hard:
+        if hard and self._motion[element] != BOUNCED:
             element = element if element in hard else hard[0]
             motion, speed = Motion.TABLE, 0.0
         closed = [k for k in closed if k != element or oscillator._strobed]

@@ -65,7 +65,7 @@ def followed(oscillator: DrivenStructure, run: Trajectory, lifted: Array) -> tup
             ended = ended + later
         sticks = mode.scene.elements[guard.element].regimes[guard.watch.to].sticks
         if i < last - 1 and (guard.watch.event == IMPACT or sticks):
-            rubs = 0.0
+            rubs: Any = 0.0
             if guard.watch.event == IMPACT and float(s.speed[i + 1]) > 0.0:
                 rubs = _kept(oscillator, guard, s.begin[i + 1 :], s.guard[i + 1 :], state, out)
             out = hit(mode, guard.element, state, out, 0.0, 0.0)[0] + rubs
@@ -90,7 +90,7 @@ def hit(
     return out, by_rate
 
 
-def rubs_on(automaton: Any, times: Array, guards: Array, element: int) -> int:
+def rubs_on(automaton: Any, times: Array, guards: Any, element: int) -> int:
     """Regime of friction as contact begins at the first of some events, by those at its time."""
     now = (automaton.guards[g] for g in guards[times == times[0]].tolist())
     return next((g.watch.to for g in now if g.element == element), STICKS)
@@ -124,7 +124,7 @@ def _kept(
     oscillator: DrivenStructure,
     guard: Any,
     times: Array,
-    guards: Array,
+    guards: Any,
     state: Array,
     disturbances: Array,
 ) -> Array:

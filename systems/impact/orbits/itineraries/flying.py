@@ -33,6 +33,8 @@ _SHORT = 1e-3
 class LinearFlights:
     """Those of a machine, whose numbers may have imaginary changes; measures as of a solution."""
 
+    varies = False
+
     def __init__(self, machine: Machine, mode: Regimes, measures: Array) -> None:
         self.machine, self.mode, self._measures = machine, mode, measures
         self._flow = machine.flow(mode)

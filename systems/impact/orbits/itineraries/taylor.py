@@ -93,7 +93,9 @@ class TaylorSolution(ShootingSolution):
                 flights = self.flights(event.kicked)
                 self._kicks[i] = flights.kick(event.element, before[i], event.rubs)
                 pushed = pushed + self.impulses[self.impulse_of[i]] * self._kicks[i]
-            stopped = self.machine.stopped(event.kicked, event.rubs) if event.rubs else np.eye(d + 3)
+            stopped = (
+                self.machine.stopped(event.kicked, event.rubs) if event.rubs else np.eye(d + 3)
+            )
             after[i], put = self._modes[i].begun(event, stopped @ pushed)
             self._put[i] = put @ stopped.real
             start, lasts = after[i], self.durations[i]
