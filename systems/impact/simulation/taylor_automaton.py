@@ -131,12 +131,10 @@ class TaylorAutomaton:
     def outcome(self, guard: Guard, x: Array, phase: float) -> tuple[int, bool]:
         """What an impact at positions (N,) and a phase opens or moves, -1 for none.
 
-        And whether it pushes against a closed stop.
+        And whether it pushes against a closed stop, or friction leaves its outcome open.
         """
-        if self.modes[guard.mode].constant_kicks:
-            return guard.opens, guard.ambiguous
-        there = self._scene.inertia(x, phase)
-        opens, ambiguous = self.parts.pushed(self.regimes[guard.mode], guard.element, there)
+        inertia = self._scene.inertia(x, phase)
+        opens, ambiguous = self.parts.pushed(self.regimes[guard.mode], guard.element, inertia)
         return opens, ambiguous or self._rubs(guard, x, phase)[1]
 
     def scrapes(self, guard: Guard, x: Array, phase: float) -> tuple[Rub, ...]:
@@ -147,17 +145,17 @@ class TaylorAutomaton:
         return self._rubs(guard, x, phase)[0]
 
     def _rubs(self, guard: Guard, x: Array, phase: float) -> tuple[tuple[Rub, ...], bool]:
-        """The same, and whether the masses leave the outcome open."""
+        """Friction at an impact there, and whether the masses leave its outcome open."""
         mode, now = self.modes[guard.mode], self.regimes[guard.mode]
         mass, rows = self._scene.inertia(x, phase)
         found, open_ = rubbing(mass, rows, self._elements, self.parts, now, guard.element)
         return tuple(Rub(k, float(mode.takes(k, x, phase))) for k in found), open_
 
     def jams(self, guard: Guard, x: Array, phase: float) -> bool:
-        """Whether a stop there is hit along what others hold."""
+        """Whether a stop there is hit along what others hold; kicks are not constant."""
         mode = self.modes[guard.mode]
         held = [*mode.held, *mode.sticking]
-        if mode.constant_kicks or not held:
+        if not held:
             return False
         mass, rows = self._scene.inertia(x, phase)
         return depends(mass, rows[[*held, guard.element]])

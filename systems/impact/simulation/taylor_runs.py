@@ -10,7 +10,6 @@ import numpy as np
 
 from dynkit.core.validation import Array
 from dynkit.systems.impact.elements.element import HALT, IMPACT, JAM, JUMP, REST, SWITCH
-from dynkit.systems.impact.elements.laws import ImpactLaw
 from dynkit.systems.impact.modes.constrained import ContactParadox
 from dynkit.systems.impact.modes.taylor_mode import ROUNDING, horner
 from dynkit.systems.impact.simulation.scrape_kernels import tail, taken
@@ -265,7 +264,7 @@ class TaylorCourse(Position):
             number = automaton.guard(self._number, k)
             guard = automaton.guards[number]
             opens, _ = self._outcome(guard)
-        if self._automaton.jams(guard, self._bodies()[0], math.atan2(*self._turn)):
+        if not self._fixed and self._automaton.jams(guard, *self._where()):
             self.ending = Ending.JAMMED
             return number
         if self._left != k:
@@ -301,10 +300,10 @@ class TaylorCourse(Position):
 
     def _scrapes(self, guard: Any) -> tuple[Rub, ...]:
         """Friction at an impact."""
-        if not self._automaton.parts.normal:
-            return ()
-        where = self._bodies()[0], math.atan2(*self._turn)
-        found: tuple[Rub, ...] = self._automaton.scrapes(guard, *where)
+        if self._fixed:
+            known: tuple[Rub, ...] = guard.scrapes
+            return known
+        found: tuple[Rub, ...] = self._automaton.scrapes(guard, *self._where())
         return found
 
     def _slow(self, k: int, change: float, stops: bool) -> None:
@@ -363,13 +362,13 @@ class TaylorCourse(Position):
 
     def _restitution(self, k: int, speed: float) -> float:
         law = self._laws[k]
-        if isinstance(law, ImpactLaw):
-            return float(law.at([speed])[0]) if speed > 0.0 else 0.0
-        return law
+        if type(law) is float:
+            return law
+        return float(law.at([speed])[0]) if speed > 0.0 else 0.0
 
     def _together(self, guard: Any) -> bool:
         """Whether another stop, which an impact pushes or pulls, is reached, too."""
-        state, where = self._state(), (self._bodies()[0], math.atan2(*self._turn))
+        state, where = self._state(), self._where()
         for i, (j, watch) in enumerate(self._mode.guards):
             if j != guard.element and watch.event == IMPACT:
                 value, band = self._mode.watched(i, state)
@@ -383,10 +382,14 @@ class TaylorCourse(Position):
 
     def _outcome(self, guard: Any) -> tuple[int, bool]:
         """What an impact opens or moves, and whether it pushes against a closed stop."""
-        found: tuple[int, bool] = self._automaton.outcome(
-            guard, self._bodies()[0], math.atan2(*self._turn)
-        )
+        if self._fixed:
+            return guard.opens, guard.ambiguous
+        found: tuple[int, bool] = self._automaton.outcome(guard, *self._where())
         return found
+
+    def _where(self) -> tuple[Array, float]:
+        """Positions (N,) and phase."""
+        return self._bodies()[0], math.atan2(*self._turn)
 
     # --- what follows an event at once ------------------------------------------------------------
 
