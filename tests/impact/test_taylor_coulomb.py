@@ -13,8 +13,10 @@ from mpmath import mp
 from dynkit import continue_orbit
 from dynkit.systems import DryFriction, HardStop, ImpactOscillator
 from dynkit.testing.maps import jacobian_is_the_derivative
+from tests.impact.curved_cases import Bob, floor
 from tests.impact.disguised import disguised
 from tests.impact.test_coulomb import beside_others, block, coupled, dropped, random_machine
+from tests.impact.test_rough_stops import bouncing_beside_friction
 
 # --- closed forms --------------------------------------------------------------------------------
 
@@ -190,7 +192,6 @@ def test_the_derivative_of_the_map_of_a_puck_is_that_of_differences() -> None:
 
 
 def test_the_map_gives_the_section_of_the_stop_that_was_hit_while_another_holds() -> None:
-    machine, other, states = by_both(13)
     machine, place, velocity = random_machine(8, 0.0)
     other = disguised(machine)
     states = other.simulate(impacts=4, start=other.state(place, velocity)).states
@@ -248,3 +249,27 @@ def test_runs_go_on_bit_for_bit() -> None:
         whole, half = (system.simulate(impacts=k, start=start) for k in (12, 6))
         rest = system.simulate(impacts=6, start=half.final)
         assert rest.states.tobytes() == whole.states[6:].tobytes()
+
+
+@pytest.mark.parametrize("tolerance", [1e-10, 1e-16])
+@pytest.mark.parametrize("seed", [17, 46])
+def test_a_chatter_is_not_cut_where_its_bounces_make_friction_elsewhere_slip(
+    seed: int, tolerance: float
+) -> None:
+    # Nor does a mass pass its stop where friction switches in the middle of the lowest bounces.
+    pair, start = bouncing_beside_friction(seed), ([0.0, 0.3], [0.0, 0.0])
+    exact = pair.simulate(impacts=200, start=pair.state(*start))
+    other = disguised(pair.replace(chatter_tolerance=tolerance))
+    found = other.simulate(impacts=70, start=other.state(*start))
+    assert found.sticking[0, 0] == pytest.approx(exact.sticking[0, 0], abs=1e-8)
+    one, two = (record.events for record in (exact, found))
+    x, y = (events.position[events.kind == 1][0] for events in (one, two))
+    v, w = (events.velocity[events.kind == 1][0] for events in (one, two))
+    assert x == pytest.approx(y, abs=2e-10)
+    assert v == pytest.approx(w, abs=2e-10)
+
+
+def test_friction_beside_a_stop_along_a_function_is_refused_by_name() -> None:
+    rubs = DryFriction(0, coefficient=0.1, normal="floor")
+    with pytest.raises(NotImplementedError, match="beside a stop along a function"):
+        Bob(frequency=2.0, elements=[*floor(amplitude=0.05, offset=0.3), rubs])

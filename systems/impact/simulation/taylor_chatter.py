@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from dynkit.core.validation import Array
+from dynkit.systems.impact.elements.element import HALT, SWITCH
 from dynkit.systems.impact.elements.laws import ImpactLaw, Restitution, share
 
 if TYPE_CHECKING:
@@ -72,6 +73,45 @@ def chatter(
     if largest * lost > allowed or place > _PLACE * allowed > 0.0:
         return None, 0.0
     return 0.5 * rest if r is None else _bounces(u, r, a, drag, third), largest * lost
+
+
+def disturbed(
+    mode: TaylorMode,
+    k: int,
+    state: Array,
+    u: float,
+    lasts: float,
+    law: Restitution,
+    allowed: float,
+    rubs: Sequence[tuple[int, float]],
+) -> bool:
+    """Whether bounces from a velocity on, over a duration, may take others to a switch.
+
+    Each of their impulses changes what others watch: all of them less than twice their sum of it.
+    """
+    (x, v), n, phase = mode.motion(state), mode.bodies, math.atan2(*state[:, -1])
+    watched = [i for i, (_, w) in enumerate(mode.guards) if w.event in (SWITCH, HALT)]
+    if not watched:
+        return False
+    part = float(share(law, np.array([u]))[0]) if isinstance(law, ImpactLaw) else 1.0 - law
+    kicks = [mode.kick(k, x, phase), *(ratio * mode.kick(j, x, phase) for j, ratio in rubs)]
+    by_v = mode.gradients(state, rates=True)[:, n : 2 * n]
+    moving = mode.rate(state[None])[0, :, :n]
+    for i in watched:
+        j, watch = mode.guards[i]
+        if watch.force:
+            own = mode.gradients(state, rates=False)[i]
+            by_place, by_rate = own[:n], own[n : 2 * n]
+        else:
+            row = mode.scene.elements[j].sign * mode.scene.rows_at(x)[j]
+            by_place, by_rate = (watch.gap + watch.stretch) * row, watch.rate * row
+        at_once = sum(abs(float(by_rate @ kick)) for kick in kicks)
+        in_time = sum(abs(float(by_place @ kick + by_rate @ by_v @ kick)) for kick in kicks)
+        change = (at_once + in_time * lasts) * 2.0 * u / part
+        value, falls = mode.watched(i, state)[0], abs(float(by_place @ v + by_rate @ moving[1]))
+        if change > max(allowed, _SMALLEST) and value < 2.0 * (change + falls * lasts):
+            return True
+    return False
 
 
 def coupling(

@@ -15,7 +15,7 @@ from dynkit.systems.impact.modes.taylor_mode import ROUNDING, horner
 from dynkit.systems.impact.simulation.scrape_kernels import tail, taken
 from dynkit.systems.impact.simulation.scraping import Rub
 from dynkit.systems.impact.simulation.state import TWO_PI, ImpactState, Motion, state_of
-from dynkit.systems.impact.simulation.taylor_chatter import chatter
+from dynkit.systems.impact.simulation.taylor_chatter import chatter, disturbed
 from dynkit.systems.impact.simulation.taylor_log import Log
 from dynkit.systems.impact.simulation.taylor_position import (
     ABOVE,
@@ -180,11 +180,11 @@ class TaylorCourse(Position):
 
     def _early(self, longest: float) -> list[float]:
         """Durations at which the first steps of a flight end, below the longest."""
+        most = longest if self._plain and self._chart.curves else _BRIEF[1] * self._period
+        early = [self._bounce] if 0.0 < self._bounce < min(most, longest) else []
         if self._plain:
-            bounce, self._bounce = self._bounce, 0.0
-            most = longest if self._chart.curves else min(_BRIEF[1] * self._period, longest)
-            return [bounce] if 0.0 < bounce < most else []
-        return [time for part in _BRIEF if (time := part * self._period) < longest]
+            return early
+        return sorted(early + [t for part in _BRIEF if (t := part * self._period) < longest])
 
     def _struck(self) -> int | None:
         """The guard of a stop that is touched and whose gap closes; None for none."""
@@ -219,12 +219,14 @@ class TaylorCourse(Position):
             self.ending = Ending.JAMMED
             return
         k, place, stuck = guard.element, self._place(), self._mode.sticking
+        gaps = self._gaps()
         before, self._number = self._number, self._automaton.enter(number)
         sticks = self._oscillator._elements[k].regimes[guard.watch.to].sticks
         self._motion[k] = FLIGHT if sticks else moved
         self._speed[k] = 0.0
         self._slide(before, halts=guard.watch.event == SWITCH and bool(guard.watch.rate))
         self._enter(*place)
+        self._keep(gaps)
         if k in self._chart.springs and not self._mode.regimes[k].anchored:
             forward = next(w.rate for j, w in self._mode.guards if j == k)
             place_of, least = self._half + self._chart.speeds[k], self._above(SWITCHED)
@@ -237,6 +239,21 @@ class TaylorCourse(Position):
         self._again(k)
         self._disturb()
         self._note(number, 0.0, 0.0)
+
+    def _gaps(self) -> dict[int, tuple[float, float]]:
+        """Gaps of stops in flight, and their rates: positions have fewer digits."""
+        chart, z = self._chart, self._z
+        flying = (k for k in chart.places if self._motion[k] == FLIGHT)
+        return {
+            k: (float(z[chart.places[k]]), float(z[self._half + chart.speeds[k]])) for k in flying
+        }
+
+    def _keep(self, gaps: dict[int, tuple[float, float]]) -> None:
+        """Take these gaps and rates in another mode, of stops that do not hold there."""
+        chart = self._chart
+        for k, (gap, rate) in gaps.items():
+            if k in chart.places and k not in self._mode.held:
+                self._z[chart.places[k]], self._z[self._half + chart.speeds[k]] = gap, rate
 
     def _slide(self, before: int, *, halts: bool) -> None:
         """Note which sliders another mode begins to hold, or lets slide; and whether at rest."""
@@ -253,7 +270,7 @@ class TaylorCourse(Position):
 
     def _hit(self, number: int) -> int:
         """Newton's law of impact at a guard; the guard's number, in the mode after it."""
-        automaton = self._automaton
+        automaton, self._bounce = self._automaton, 0.0
         guard = automaton.guards[number]
         k = guard.element
         opens, ambiguous = self._outcome(guard)
@@ -465,9 +482,11 @@ class TaylorCourse(Position):
                 rest, lost = chatter(self._mode, chart, k, self._state(), *given)
                 if rest is not None:
                     slows = self._tails(rubs, series, k)
-                    rest = rest if slows else None
+                    disturbs = disturbed(self._mode, k, self._state(), u, rest, *given[:2], rubs)
+                    rest = None if slows is None or disturbs else rest
         if rest is None:
             return
+        self._bounce = 0.0
         if u > 0.0:
             self._chatter_error += lost + slows[1]
             for change in slows[0]:
