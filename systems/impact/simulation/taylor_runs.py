@@ -378,7 +378,7 @@ class TaylorCourse(Position):
         return kick
 
     def _restitution(self, k: int, speed: float) -> float:
-        law = self._laws[k]
+        law: Any = self._laws[k]
         if type(law) is float:
             return law
         return float(law.at([speed])[0]) if speed > 0.0 else 0.0
