@@ -273,3 +273,13 @@ def test_friction_beside_a_stop_along_a_function_is_refused_by_name() -> None:
     rubs = DryFriction(0, coefficient=0.1, normal="floor")
     with pytest.raises(NotImplementedError, match="beside a stop along a function"):
         Bob(frequency=2.0, elements=[*floor(amplitude=0.05, offset=0.3), rubs])
+
+
+def test_derivatives_of_the_lowest_bounces_are_those_of_the_exact_engine() -> None:
+    machine = dropped(0.0, 0.3, 0.6, 1e-50)
+    other = disguised(machine)
+    record = machine.simulate(impacts=60, start=machine.state([0.0, 0.3], [1.0, 0.0]))
+    assert record.relative_velocity[56] < 1e-12
+    for state in record.states[[0, 20, 36, 56]]:
+        one, two = machine.jacobian(state), other.jacobian(state)
+        assert abs(one - two).max() < 1e-13 * max(1.0, abs(one).max())

@@ -123,8 +123,12 @@ def _by_variations(oscillator: DrivenStructure, state: ImpactState, run: Traject
     mode = oscillator._automaton.modes[guard.mode]
     stop, (sine, cosine) = oscillator._stops[side], end[:, -1].tolist()
     rate, speed = float(mode.gap(side, *end[:, :n], sine, cosine)[1]), float(run.log.speed[-1])
-    slope, r = _slope(stop, rate, speed), -speed / rate
-    rubs = rubbed(oscillator, guard, end, out, slope, r)
+    slope = _slope(stop, rate, speed)
+    if isinstance(stop.restitution, float):
+        r, rate = slope, -speed / slope if slope else rate
+    else:
+        r = -speed / rate
+    rubs = rubbed(oscillator, guard, end, out, slope, r, rate)
     out, before = hit(mode, side, end, out, slope, r)
     out = out + rubs
     own = slope if side == 1 and oscillator._faces else -slope

@@ -16,6 +16,9 @@ from dynkit.systems.impact.elements.element import IMPACT
 from dynkit.systems.impact.elements.friction import FORWARD, STICKS
 from dynkit.systems.impact.variational.saltation import reset
 
+_LOW = 1e-7
+"""Turns of the phase, in radians, below which rounding hides what a flight changes."""
+
 if TYPE_CHECKING:
     from dynkit.systems.impact.modes.taylor_mode import TaylorMode
     from dynkit.systems.impact.simulation.driven_structure import DrivenStructure
@@ -47,7 +50,11 @@ def followed(oscillator: DrivenStructure, run: Trajectory, lifted: Array) -> tup
         for j, k in enumerate(mode.scene.sliders):
             if not mode.regimes[k].anchored:
                 out[2 * n + j] = mode.scene.rows[k] @ out[:n]
-        if duration > 0.0:
+        low = i == last - 1 and _flies_low(oscillator, run, duration, int(s.element[i]))
+        if low:
+            state, out, late = _low_flight(oscillator, run, mode, state, duration, out)
+            ended = ended + late
+        elif duration > 0.0:
             state, flow = mode.flow(state, duration, int(s.element[i]))
             out = flow @ out
             moving = mode.rate(state[None])[0]
@@ -90,6 +97,47 @@ def hit(
     return out, by_rate
 
 
+def _flies_low(oscillator: DrivenStructure, run: Trajectory, duration: float, left: int) -> bool:
+    """Whether a flight returns to its stop so soon that rounding hides what it changes."""
+    side, brief = run.final.element, 0.0 < duration * oscillator.frequency < _LOW
+    number = brief and not oscillator._strobed and not oscillator._curves
+    r = oscillator._stops[side].restitution if number else 0.0
+    return side == left == run.start.element and isinstance(r, float) and r > 0.0
+
+
+def _low_flight(
+    oscillator: DrivenStructure,
+    run: Trajectory,
+    mode: TaylorMode,
+    start: Array,
+    duration: float,
+    given: Array,
+) -> tuple[Array, Array, Array]:
+    """State and disturbances where such a flight ends, and by how much later.
+
+    The gap, and what changes it, are those of the flight alone: they are zero at its begin.
+    """
+    k, n, out = run.final.element, mode.bodies, np.zeros_like(given)
+    state, _ = mode.flow(start, duration, k)
+    term = given
+    by = mode.gradients(start, rates=True)
+    for order in (1, 2):
+        moved = np.zeros_like(given)
+        moved[:n], moved[n : 2 * n] = term[n : 2 * n], by @ term
+        for j, slider in enumerate(mode.scene.sliders):
+            if not mode.regimes[slider].anchored:
+                moved[2 * n + j] = mode.scene.rows[slider] @ term[n : 2 * n]
+        term = moved * (duration / order)
+        out += term
+    row, speeds = mode.scene.elements[k].sign * mode.scene.rows[k], rate_row(mode, k, start)
+    risen = row @ out[:n] + duration * speeds[-1] * given[-1]
+    r: Any = oscillator._stops[k].restitution
+    speed = float(run.log.speed[-1]) / r
+    moving, later = mode.rate(state[None])[0], risen / speed
+    rate = np.concatenate([*moving[:, :n], moving[0, n:-1], [oscillator.frequency]])
+    return state, given + out + np.outer(rate, later), later
+
+
 def rubs_on(automaton: Any, times: Array, guards: Any, element: int) -> int:
     """Regime of friction as contact begins at the first of some events, by those at its time."""
     now = (automaton.guards[g] for g in guards[times == times[0]].tolist())
@@ -103,12 +151,12 @@ def rubbed(
     disturbances: Array,
     slope: float,
     r: float,
+    rate: float,
 ) -> Array:
     """Change (2 N + J + 1, d) of disturbances before an impact by its friction."""
     automaton, stop, out = oscillator._automaton, guard.element, 0.0 * disturbances
     mode: TaylorMode = automaton.modes[guard.mode]
     (x, v), (sine, cosine) = mode.motion(state), state[:, -1].tolist()
-    rate = float(mode.gap(stop, x, v, sine, cosine)[1])
     for k, ratio in automaton.scrapes(guard, x, float(np.arctan2(sine, cosine))):
         w = float(mode.gap(k, x, v, sine, cosine)[1])
         if abs(w) <= -(1.0 + r) * ratio * rate:
