@@ -154,3 +154,44 @@ class Position:
         put = on_stop(stop, self._frequency, self._turn, speed)
         self._oscillator._contacts[k].put_both(x, v, *put)
         return x, v
+
+    def _gaps(self) -> dict[int, tuple[float, float]]:
+        """Gaps of stops in flight, and their rates: positions have fewer digits."""
+        chart, z = self._chart, self._z
+        flying = (k for k in chart.places if self._motion[k] == FLIGHT)
+        return {
+            k: (float(z[chart.places[k]]), float(z[self._half + chart.speeds[k]])) for k in flying
+        }
+
+    def _keep(self, gaps: dict[int, tuple[float, float]]) -> None:
+        """Take these gaps and rates in another mode, of stops that do not hold there."""
+        chart = self._chart
+        for k, (gap, rate) in gaps.items():
+            if k in chart.places and k not in self._mode.held:
+                self._z[chart.places[k]], self._z[self._half + chart.speeds[k]] = gap, rate
+
+    def _kick(self, k: int) -> Array | None:
+        """Change (N,) of the velocity coordinates by a unit jump of the rate of a gap.
+
+        None where no other one changes.
+        """
+        if k in self._kicks:
+            return self._kicks[k]
+        kick: Array | None
+        x = self._bodies()[0]
+        kick = self._chart.kicked(x, self._mode.kick(k, x, math.atan2(*self._turn)))
+        if not np.delete(kick, self._chart.speeds[k]).any():
+            kick = None
+        if self._mode.constant_kicks:
+            self._kicks[k] = kick
+        return kick
+
+    def _where(self) -> tuple[Array, float]:
+        """Positions (N,) and phase."""
+        return self._bodies()[0], math.atan2(*self._turn)
+
+    def _rate_of(self, k: int) -> float:
+        """Rate of the gap of a stop."""
+        if k in self._chart.places:
+            return float(self._z[self._half + self._chart.speeds[k]])
+        return float(self._mode.gap(k, *self._bodies(), *self._turn)[1])

@@ -196,12 +196,6 @@ class TaylorCourse(Position):
                     return int(self._first + i)
         return None
 
-    def _rate_of(self, k: int) -> float:
-        """Rate of the gap of a stop."""
-        if k in self._chart.places:
-            return float(self._z[self._half + self._chart.speeds[k]])
-        return float(self._mode.gap(k, *self._bodies(), *self._turn)[1])
-
     def _note(self, number: int, rest: float, speed: float) -> None:
         """Note a change of the mode."""
         self._switches.append((self._time, rest, speed, self.impacts, number, self._state()))
@@ -239,21 +233,6 @@ class TaylorCourse(Position):
         self._again(k)
         self._disturb()
         self._note(number, 0.0, 0.0)
-
-    def _gaps(self) -> dict[int, tuple[float, float]]:
-        """Gaps of stops in flight, and their rates: positions have fewer digits."""
-        chart, z = self._chart, self._z
-        flying = (k for k in chart.places if self._motion[k] == FLIGHT)
-        return {
-            k: (float(z[chart.places[k]]), float(z[self._half + chart.speeds[k]])) for k in flying
-        }
-
-    def _keep(self, gaps: dict[int, tuple[float, float]]) -> None:
-        """Take these gaps and rates in another mode, of stops that do not hold there."""
-        chart = self._chart
-        for k, (gap, rate) in gaps.items():
-            if k in chart.places and k not in self._mode.held:
-                self._z[chart.places[k]], self._z[self._half + chart.speeds[k]] = gap, rate
 
     def _slide(self, before: int, *, halts: bool) -> None:
         """Note which sliders another mode begins to hold, or lets slide; and whether at rest."""
@@ -361,22 +340,6 @@ class TaylorCourse(Position):
         self._touch()
         self._afresh()
 
-    def _kick(self, k: int) -> Array | None:
-        """Change (N,) of the velocity coordinates by a unit jump of the rate of a gap.
-
-        None where no other one changes.
-        """
-        if k in self._kicks:
-            return self._kicks[k]
-        kick: Array | None
-        x = self._bodies()[0]
-        kick = self._chart.kicked(x, self._mode.kick(k, x, math.atan2(*self._turn)))
-        if not np.delete(kick, self._chart.speeds[k]).any():
-            kick = None
-        if self._mode.constant_kicks:
-            self._kicks[k] = kick
-        return kick
-
     def _restitution(self, k: int, speed: float) -> float:
         law: Any = self._laws[k]
         if type(law) is float:
@@ -403,10 +366,6 @@ class TaylorCourse(Position):
             return guard.opens, guard.ambiguous
         found: tuple[int, bool] = self._automaton.outcome(guard, *self._where())
         return found
-
-    def _where(self) -> tuple[Array, float]:
-        """Positions (N,) and phase."""
-        return self._bodies()[0], math.atan2(*self._turn)
 
     # --- what follows an event at once ------------------------------------------------------------
 
