@@ -15,8 +15,8 @@ from dynkit.systems.impact.modes.free_motion import free_motion
 from dynkit.systems.impact.orbits.borders import Border
 from dynkit.systems.impact.orbits.itineraries import divided, responses, shooting
 from dynkit.systems.impact.orbits.itineraries.borders import Begun, beginnings, borders_of, named
-from dynkit.systems.impact.orbits.itineraries.errors import error_of
 from dynkit.systems.impact.orbits.itineraries.correcting import TableCorrector, corrector_of
+from dynkit.systems.impact.orbits.itineraries.errors import error_of
 from dynkit.systems.impact.orbits.itineraries.happening import Happening, Itinerary
 from dynkit.systems.impact.orbits.itineraries.itinerary import (
     Course,
