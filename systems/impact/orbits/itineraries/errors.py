@@ -4,14 +4,13 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from dynkit.core.validation import Array
 
 if TYPE_CHECKING:
-    from dynkit.systems.impact.orbits.itineraries.equations import ItineraryEquations
     from dynkit.systems.impact.orbits.itineraries.shooting import ShootingSolution
 
 _MOST = 1000
@@ -20,8 +19,10 @@ _MOST = 1000
 _ROUNDING = 2.0**-52
 
 
-def error_of(problem: ItineraryEquations, x: Array, p: Array) -> float:
-    """Estimate of the largest error of a section coordinate: see `ImpactOrbit.error`.
+def error_of(problem: Any, x: Array, p: Array) -> float:
+    """Estimate of the largest error of a section coordinate, of `ItineraryEquations`.
+
+    See `ImpactOrbit.error`.
 
     The states before all events are unknowns here: so rounding of a flight is an error of its own
     end, and need not grow along the orbit before the inverse derivative shrinks it again.
@@ -45,7 +46,7 @@ def error_of(problem: ItineraryEquations, x: Array, p: Array) -> float:
     return float(errors.max() + 4.0 * _ROUNDING * max(sizes))
 
 
-def _sections(s: ShootingSolution, fine: ItineraryEquations, some: Sequence[int]) -> Array:
+def _sections(s: ShootingSolution, fine: Any, some: Sequence[int]) -> Array:
     """Rows (q, m): phases, and changes of states just after the events of the section."""
     n, d, unit = s.events, s.dimension, np.eye(fine.size)
     first = fine.layout.events + fine.layout.impacts
