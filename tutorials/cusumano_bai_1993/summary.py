@@ -48,7 +48,7 @@ def found(sections: Sequence[Section]) -> str:
         f"Of {count} results that can be compared with the paper, {same} agree.",
     ]
     parts += [
-        f"On stable branches of periodic orbits are {finding.found} motions of figure 4."
+        f"Of the periodic motions of figure 4, {finding.found} lie on a stable branch that was found."
         for section in sections
         if section.item == "figure-4-branches"
         for finding in section.findings[:1]
