@@ -206,6 +206,12 @@ def shared_derivation(structure: LagrangianStructure) -> Derivation:
         return known
 
 
+def share_derivation(one: LagrangianStructure, other: LagrangianStructure) -> bool:
+    """Whether two structures have the same energies, also where neither is kept any more."""
+    key = _key(one)
+    return key is not None and key == _key(other)
+
+
 def _key(structure: LagrangianStructure) -> Hashable | None:
     """A key that is equal for structures with the same energies; None where none can be made."""
     kind = type(structure)

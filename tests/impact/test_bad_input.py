@@ -114,7 +114,7 @@ def test_a_refused_start_leaves_the_chain_as_it_was() -> None:
 def test_a_map_without_a_next_impact_says_why(*, derived: bool) -> None:
     chain = make(masses=1, offset=-3.0, amplitude=0.0)
     state = np.array([0.0, 1.0])
-    with pytest.raises(NoCrossing, match="there is no next impact: the mass"):
+    with pytest.raises(NoCrossing, match="there is no next impact: no mass"):
         chain.jacobian(state) if derived else chain(state)
 
 

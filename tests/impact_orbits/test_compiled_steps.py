@@ -13,10 +13,11 @@ from dynkit.continuation.orbit_equations import OrbitEquations
 from dynkit.core.validation import Array
 from dynkit.orbits.multipliers import product_eigenvalues
 from dynkit.orbits.newton import ROUNDING, correct, error_bound
-from dynkit.systems import SingleImpactOscillator
+from dynkit.systems import ImpactChain, SingleImpactOscillator
 from dynkit.systems.impact.orbits.flights import Curve
 from dynkit.systems.impact.orbits.itineraries import monodromy
 from dynkit.systems.impact.orbits.orbit import ImpactOrbit
+from dynkit.systems.impact.simulation.parameters import changes_alone
 from tests.impact_orbits.test_equations import KINDS, NONE, orbit_of
 
 RESPONDING = [name for name in KINDS if not name.startswith(("ball", "free"))]
@@ -116,3 +117,12 @@ def test_a_product_of_matrices_has_the_multipliers_within_their_errors(
         assert conditions[0] == pytest.approx(expected, rel=1e-6)
     else:
         assert orbit.impacts == 1 or conditions[0] == np.inf
+
+
+def test_derivatives_stay_in_closed_form_when_many_other_structures_were_used() -> None:
+    chain = ImpactChain(masses=3, frequency=0.9)
+    assert changes_alone(chain, "frequency")
+    for k in range(70):  # more than are kept
+        assert len(ImpactChain(masses=2, damping=0.1 + 0.001 * k, frequency=0.9).modes.frequencies)
+    assert changes_alone(chain, "frequency")
+    assert not changes_alone(chain, "damping")

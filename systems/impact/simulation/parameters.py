@@ -5,6 +5,8 @@ from __future__ import annotations
 import math
 from typing import Any
 
+from dynkit.systems.structure.lagrangian import share_derivation
+
 EXACT = ("frequency", "restitution", "amplitude", "offset", "play")
 """Parameters by which derivatives are in closed form."""
 
@@ -19,4 +21,4 @@ def changes_alone(oscillator: Any, name: str) -> bool:
         return False
     there = here.replace(**{name: 0.5 * getattr(here, name) or 0.5})
     same = all(getattr(here, other) == getattr(there, other) for other in OUTSIDE if other != name)
-    return same and there._contact is here._contact
+    return same and share_derivation(here, there)
