@@ -38,6 +38,7 @@ extensions = [
     "mathml",
     "myst_nb",
     "numpydoc",
+    "source_links",
     "sphinx_design",
     "sphinx.ext.autodoc",
     "sphinx.ext.autosummary",

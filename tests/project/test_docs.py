@@ -8,6 +8,7 @@ import importlib
 import re
 import sys
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -19,13 +20,18 @@ MADE = {"../api/command.md", "gallery/index.md"}
 PAGES = [DOCS.parent / "README.md", *sorted(DOCS.rglob("*.md"))]
 
 
-def made_page() -> str:
-    """The page of `dynkit.analysis`, as the documentation makes it."""
+def extension(name: str) -> Any:
+    """A module of the documentation's own extensions."""
     sys.path.insert(0, str(DOCS / "_extensions"))
     try:
-        text: str = importlib.import_module("reference").analysis_page()
+        return importlib.import_module(name)
     finally:
         sys.path.pop(0)
+
+
+def made_page() -> str:
+    """The page of `dynkit.analysis`, as the documentation makes it."""
+    text: str = extension("reference").analysis_page()
     return text
 
 
@@ -124,3 +130,15 @@ def test_every_page_is_in_a_table_of_contents() -> None:
     }
     pages = {page.relative_to(DOCS).with_suffix("") for page in DOCS.rglob("*.md")}
     assert pages - tables == {Path("index"), Path("paper/paper")}  # the paper is no page
+
+
+def test_links_from_source_lead_to_the_object_whatever_its_name(tmp_path: Path) -> None:
+    (tmp_path / "reference.html").write_text('<dt id="dynkit.flow.Crossing">', encoding="utf-8")
+    page = tmp_path / "source.html"
+    for given, wanted in (
+        ("dynkit.flow.Crossing", "#dynkit.flow.Crossing"),
+        ("dynkit.Crossing", "#dynkit.flow.Crossing"),
+        ("dynkit.Crossing.time", ""),
+    ):
+        page.write_text(f'<a href="reference.html#{given}">', encoding="utf-8")
+        assert extension("source_links").mended(page) == f'<a href="reference.html{wanted}">'
