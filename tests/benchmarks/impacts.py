@@ -139,15 +139,19 @@ def growth_with_size() -> Iterator[Line]:
 
 def elements() -> Iterator[Line]:
     """Further stops and sliders, beside the table alone."""
-    two = partial(ImpactChain, masses=2, frequency=0.9, harmonic_forces=[0.0, 0.5])
-    low = HardStop(1, offset=-0.3, restitution=0.7)
-    alone, _ = repeated(two(elements=[low]), 10_000)
-    for what, added, most in (
-        ("a second hard stop", HardStop(1, offset=0.3, side="below", restitution=0.7), 2.2),
-        ("a soft stop", SoftStop(1, offset=0.3, side="below", stiffness=50.0, damping=0.2), None),
-    ):
-        each, _ = repeated(two(elements=[low, added]), 10_000)
-        yield Line(f"event, 2 masses, with {what}", each, "one stop alone", alone, most)
+    for masses, most in ((10, 2.2), (2, None)):
+        last, forces = masses - 1, [0.0] * (masses - 1) + [0.5]
+        beaten = partial(ImpactChain, masses=masses, frequency=0.9, harmonic_forces=forces)
+        low = HardStop(last, offset=-0.3, restitution=0.7)
+        across: Any = {"offset": 0.3, "side": "below"}
+        alone, _ = repeated(beaten(elements=[low]), 10_000)
+        for what, added in (
+            ("a second hard stop", HardStop(last, restitution=0.7, **across)),
+            ("a soft stop", SoftStop(last, stiffness=50.0, damping=0.2, **across)),
+        ):
+            each, _ = repeated(beaten(elements=[low, added]), 10_000)
+            limit = most if "hard" in what else None
+            yield Line(f"event, {masses} masses, with {what}", each, "one stop alone", alone, limit)
     sliders = [Jenkins(i, stiffness=1.0, force=0.05 + 0.01 * i) for i in range(10)]
     forces = [0.0] * 9 + [0.5]
     chain = ImpactChain(frequency=0.4, harmonic_forces=forces, elements=sliders)
