@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import os
 import platform
+import re
 import subprocess
 import sys
 import tempfile
@@ -76,6 +77,11 @@ def machine() -> str:
     )
 
 
+def unbroken(text: str) -> str:
+    """Return the text without a line's end between a number and its unit."""
+    return re.sub(r"(?<=\d) (?=(µs|ms|s)\b)", "\u00a0", text)
+
+
 def one_table(rows: list[Sequence[str]]) -> None:
     """Print the one table line by line, and collect its rows."""
     print(markdown(HEAD, []), flush=True)
@@ -107,7 +113,7 @@ def main() -> None:
     }
     for name in ("machines", "flows"):
         print(f"\n{texts[name]}")
-    PAGE.write_text(Template(TEMPLATE.read_text("utf-8")).substitute(texts), encoding="utf-8")
+    PAGE.write_text(unbroken(Template(TEMPLATE.read_text("utf-8")).substitute(texts)), "utf-8")
     print(f"written: {PAGE}")
 
 
