@@ -29,6 +29,9 @@ class MapOrbit(KeptSolution, PeriodicOrbit):
         hidden = int((~self.multipliers_resolved).sum())
         doubt = f"; {hidden} of {len(self.multipliers)} multipliers not resolved" if hidden else ""
         kind = "stable" if self.stable else "unstable"
+        beyond, error = abs(self.multipliers) - 1.0, self.multipliers_error
+        if not self.system.conservative and (abs(beyond) <= error).any():
+            kind = kind if (beyond > error).any() else "stability not resolved"
         return f"<{self.label} of {system_repr(self.system, 6)}: {kind}{doubt}>"
 
     @property

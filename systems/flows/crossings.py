@@ -94,7 +94,9 @@ class Search:
             raise NoCrossing(
                 f"no crossing within {time_limit}: the motion cannot be followed {end}"
             ) from end
-        raise NoCrossing(f"no crossing within {time_limit}")
+        # such as after jumps that come ever faster, whose height is lost in rounding in the end
+        never = "" if armed else ": the motion was never clearly before the section"
+        raise NoCrossing(f"no crossing within {time_limit}{never}")
 
     def _look(self, time: float, state: Array) -> Look:
         sign, gradient = self.section.direction, self.section.gradient(state)

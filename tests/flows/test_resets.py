@@ -25,7 +25,7 @@ from dynkit import (
 )
 from dynkit.analysis import LyapunovSpectrum
 from dynkit.core.validation import Array
-from dynkit.systems import CompassGait, Lorenz, SimplestWalker, SymbolicFlow
+from dynkit.systems import CompassGait, Lorenz, SimplestWalker, SymbolicFlow, SymbolicHybridFlow
 from dynkit.testing import FlowCheck, MapCheck, check_name, flow_checks, map_checks
 from tests.flows.cases import BITS
 from tests.flows.walkers import (
@@ -121,6 +121,23 @@ def test_the_exponent_of_the_wheel_is_the_logarithm_of_its_multiplier() -> None:
 def test_a_wheel_that_is_too_slow_stops() -> None:
     with pytest.raises(NoCrossing, match=r"no crossing within 10\.0"):
         steps(Wheel(slope=0.01))([-0.25, 0.05])
+
+
+def test_jumps_too_low_for_rounding_are_named() -> None:
+    class Ball(SymbolicHybridFlow):
+        def velocity(self, height: Any, speed: Any) -> Any:
+            return speed, -1
+
+        def guard(self, height: Any, speed: Any) -> Any:
+            return height
+
+        def reset(self, height: Any, speed: Any) -> Any:
+            return 0, -speed / 2
+
+    bounces = steps(Ball())
+    assert bounces([0.0, 0.5]) == pytest.approx([0.0, 0.25], abs=1e-15)
+    with pytest.raises(NoCrossing, match="the motion was never clearly before the section"):
+        bounces([0.0, 1e-9])
 
 
 def test_the_neuron_fires_as_in_closed_form() -> None:

@@ -20,7 +20,7 @@ from dynkit import (
 from dynkit.analysis.lyapunov import LyapunovSpectrum
 from dynkit.core.validation import Array, finite_array
 from dynkit.dynamics.map import Map
-from dynkit.systems import Duffing, IntegratedFlow, Lorenz, Rossler
+from dynkit.systems import Duffing, IntegratedFlow, Logistic, Lorenz, Rossler
 from tests.validation.cycles import VAN_DER_POL, VanDerPol, exact_multiplier, van_der_pol
 
 TOP = Hyperplane(np.array([0.0, 1.0]), direction=-1)
@@ -77,6 +77,15 @@ def test_a_multiplier_that_a_rough_flow_hides_is_not_resolved() -> None:
     assert orbit.multipliers_error[0] < 1.0
     assert repr(orbit).endswith("stable; 1 of 1 multipliers not resolved>")
     assert "not resolved" in orbit._repr_html_()
+
+
+def test_the_repr_claims_no_stability_that_errors_leave_open() -> None:
+    def shown(rate: float) -> str:
+        return repr(periodic_orbit(Logistic(rate=rate), [1.0 - 1.0 / rate]))
+
+    assert shown(2.9).endswith(": stable>")
+    assert shown(3.0).endswith(": stability not resolved>")  # its multiplier is -1
+    assert shown(3.1).endswith(": unstable>")
 
 
 def test_a_multiplier_below_the_smallest_double_is_not_resolved() -> None:
