@@ -110,7 +110,7 @@ class Search:
             return
         cell = (step.time - begin.time) / _CELLS
         times = [begin.time + i * cell for i in range(1, _CELLS)]
-        inner = (self._look(time, step.path(time)) for time in times)
+        inner = map(self._look, times, step.paths(times))
         for before, after in pairwise([begin, *inner, self._look(step.time, step.state)]):
             if before.turns_before(after):
                 yield self._extremum(step, before, after)
