@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gc
 import io
 from collections.abc import Sequence
 from pathlib import Path
@@ -42,3 +43,21 @@ def test_a_short_compilation_says_nothing(monkeypatch: pytest.MonkeyPatch) -> No
 
 def test_a_file_gets_no_notice(monkeypatch: pytest.MonkeyPatch) -> None:
     assert not shown(monkeypatch, io.StringIO(), [0.5, 1.5, 9.0, 18.2])
+
+
+@pytest.mark.parametrize("collects", [True, False])
+def test_no_garbage_is_collected_meanwhile(
+    monkeypatch: pytest.MonkeyPatch, collects: bool
+) -> None:
+    monkeypatch.setattr("sys.stderr", io.StringIO())
+    notice = Notice(FOLDER)
+    try:
+        if not collects:
+            gc.disable()
+        for step in (notice.begin, notice.begin, notice.end):
+            step()
+            assert not gc.isenabled()
+        notice.end()
+        assert gc.isenabled() == collects
+    finally:
+        gc.enable()
