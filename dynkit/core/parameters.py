@@ -3,11 +3,15 @@
 import dataclasses
 import inspect
 from collections.abc import Mapping
+from functools import lru_cache
 from typing import Any, ClassVar, Self, cast, final, get_origin
 
 import numpy as np
 
 from dynkit.core.reprs import Shown
+
+
+_NUMBERS = (int, float, np.integer, np.floating)
 
 
 class Family(Shown):
@@ -30,12 +34,11 @@ class Family(Shown):
     @property
     def parameters(self) -> Mapping[str, float]:
         """The numeric parameters of this member of the family, by name."""
-        values = {name: getattr(self, name) for name in _field_names(self)}
-        numbers = int | float | np.integer | np.floating
+        values = {name: getattr(self, name) for name in _field_names(type(self))}
         return {
             name: float(value)
             for name, value in values.items()
-            if isinstance(value, numbers) and not isinstance(value, bool)
+            if isinstance(value, _NUMBERS) and not isinstance(value, bool)
         }
 
     @property
@@ -73,7 +76,7 @@ class Family(Shown):
             self.value_of(name)
         if not parameters:
             return self
-        if not _field_names(self):
+        if not _field_names(type(self)):
             raise TypeError(f"{type(self).__name__} has parameters but does not define `replace`")
         changed: Self = dataclasses.replace(cast("Any", self), **parameters)
         return changed
@@ -95,7 +98,8 @@ def _is_field(annotation: Any) -> bool:
     return ClassVar not in (annotation, get_origin(annotation))
 
 
-def _field_names(instance: object) -> tuple[str, ...]:
-    if not dataclasses.is_dataclass(instance):
+@lru_cache(maxsize=256)  # asked for at every step of a branch
+def _field_names(cls: type) -> tuple[str, ...]:
+    if not dataclasses.is_dataclass(cls):
         return ()
-    return tuple(entry.name for entry in dataclasses.fields(instance) if entry.init)
+    return tuple(entry.name for entry in dataclasses.fields(cls) if entry.init)
