@@ -9,9 +9,11 @@ from __future__ import annotations
 import os
 import re
 import sys
+from collections.abc import Callable, Iterable, Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
-from tempfile import TemporaryDirectory
+from tempfile import TemporaryDirectory, mkdtemp
 from typing import TYPE_CHECKING, Any
 
 from tests.pictures import described
@@ -28,7 +30,7 @@ _NUMBER = re.compile(r"[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?")
 _AVERAGE = re.compile(rf"({_NUMBER.pattern}) \+- ({_NUMBER.pattern})")
 # Seconds are kept for long enough to compile kernels on a slow machine.
 _TIMEOUT = 600
-# The kernel runs in a folder of its own, and takes dynkit and the tests from here.
+# The kernel takes dynkit and the tests from here.
 _FIRST = f"""
 import sys
 sys.path.insert(0, {str(FOLDER.parent)!r})
@@ -67,25 +69,43 @@ def read(path: Path) -> NotebookNode:
     return notebook
 
 
-def execute(notebook: NotebookNode) -> NotebookNode:
-    """Execute a notebook from its first cell to its last, in a folder of its own."""
+@contextmanager
+def executing() -> Iterator[Callable[[NotebookNode], NotebookNode]]:
+    """Start a kernel, in which notebooks are executed from their first cells to their last.
+
+    Each finds no names of others, and has a folder of its own. To start a kernel and to import what
+    all of them need takes longer than most of them.
+    """
+    import nbformat
     from nbclient import NotebookClient
     from traitlets.config import Config
 
     os.environ["MPLBACKEND"] = "module://matplotlib_inline.backend_inline"
-    with TemporaryDirectory() as folder:
+    new: Any = nbformat.v4
+    with TemporaryDirectory() as home:
         client = NotebookClient(
-            notebook,
+            new.new_notebook(),
             timeout=_TIMEOUT,
             extra_arguments=[
                 "--InlineBackend.figure_formats={'retina'}",
                 f"--IPKernelApp.exec_lines={_FIRST}",
             ],
             kernel_name="python3",
-            config=Config({"KernelManager": {"transport": "ipc", "ip": f"{folder}/kernel"}}),
-            resources={"metadata": {"path": folder}},
+            config=Config({"KernelManager": {"transport": "ipc", "ip": f"{home}/kernel"}}),
+            resources={"metadata": {"path": home}},
         )
-        return client.execute()
+
+        def execute(notebook: NotebookNode) -> NotebookNode:
+            fresh = new.new_code_cell(f"%reset -f\n%cd -q {mkdtemp(dir=home)}")
+            client.nb = new.new_notebook(cells=[fresh])
+            client.execute()
+            client.nb = notebook
+            return client.execute()
+
+        # a client ends only a kernel that it made
+        client.km, client.owns_km = client.create_kernel_manager(), False
+        with client.setup_kernel(cleanup_kc=True):
+            yield execute
 
 
 def without_noise(notebook: NotebookNode) -> NotebookNode:
@@ -135,14 +155,15 @@ def _text(cell: Any) -> CellText:
     )
 
 
-def refresh(path: Path) -> None:
-    """Execute a notebook and write it with its outputs."""
+def refresh(paths: Iterable[Path]) -> None:
+    """Execute notebooks and write them with their outputs."""
     import nbformat
 
-    notebook = without_noise(execute(read(path)))
-    nbformat.write(notebook, path)  # type: ignore[no-untyped-call]
+    with executing() as execute:
+        for path in paths:
+            notebook = without_noise(execute(read(path)))
+            nbformat.write(notebook, path)  # type: ignore[no-untyped-call]
 
 
 if __name__ == "__main__":
-    for name in sys.argv[1:] or [str(found) for found in notebooks()]:
-        refresh(Path(name))
+    refresh(map(Path, sys.argv[1:]) if sys.argv[1:] else notebooks())

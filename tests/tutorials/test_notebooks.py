@@ -4,26 +4,36 @@ from __future__ import annotations
 
 import math
 import re
+from collections.abc import Callable, Iterator
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeAlias
 
 import numpy as np
 import pytest
 from matplotlib import pyplot as plt
+from nbformat import NotebookNode
 
 from tests import notebooks
 
 TUTORIALS = notebooks.notebooks()
+
+Execute: TypeAlias = Callable[[NotebookNode], NotebookNode]
 
 
 def test_there_are_tutorials_in_order() -> None:
     assert [int(path.name[:2]) for path in TUTORIALS] == list(range(1, len(TUTORIALS) + 1))
 
 
+@pytest.fixture(scope="module")
+def execute() -> Iterator[Execute]:
+    with notebooks.executing() as found:
+        yield found
+
+
 @pytest.mark.parametrize("path", TUTORIALS, ids=lambda path: path.stem)
-def test_tutorial_gives_what_it_shows(path: Path) -> None:
+def test_tutorial_gives_what_it_shows(path: Path, execute: Execute) -> None:
     shown = notebooks.texts(notebooks.read(path))
-    given = notebooks.texts(notebooks.execute(notebooks.read(path)))
+    given = notebooks.texts(execute(notebooks.read(path)))
     assert len(shown) == len(given)
     for a, b in zip(shown, given, strict=True):
         assert (a.cell, a.words, a.figures) == (b.cell, b.words, b.figures)
