@@ -16,8 +16,10 @@ GENERIC := NUMBA_CPU_NAME=generic OPENBLAS_CORETYPE=Nehalem NPY_DISABLE_CPU_FEAT
 UNFUSED := NUMBA_CPU_NAME=generic NUMBA_CPU_FEATURES=+avx,+avx2 OPENBLAS_CORETYPE=Sandybridge OMP_NUM_THREADS=1
 HASWELL := NUMBA_CPU_NAME=haswell NUMBA_CPU_FEATURES= OPENBLAS_CORETYPE=Haswell NPY_DISABLE_CPU_FEATURES=X86_V4 OMP_NUM_THREADS=2
 # What is tested here does not depend on the processor: files, figures, pages, commands, checks of the sources, other
-# processes. Only the numbers that notebooks and pages print may: test-processors runs these too.
-SAME_EVERYWHERE := $(addprefix --ignore=,tutorials $(addprefix tests/,cli data plotting project scaling tutorials viewer))
+# processes, references in numbers of many digits. Only the numbers that notebooks and pages print may:
+# test-processors runs these too.
+SAME_EVERYWHERE := $(addprefix --ignore=,tutorials $(addprefix tests/,cli data plotting project scaling tutorials viewer) \
+	$(addprefix tests/reference/test_,extremes.py general_invariants.py general_oscillator.py impact_chain.py))
 PYTEST := $(BIN)/python -m pytest --numprocesses auto --dist worksteal
 
 # Processes that a target starts, one after the other, need not compile all modules anew.
