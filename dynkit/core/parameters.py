@@ -10,7 +10,6 @@ import numpy as np
 
 from dynkit.core.reprs import Shown
 
-
 _NUMBERS = (int, float, np.integer, np.floating)
 
 

@@ -46,9 +46,7 @@ def test_a_file_gets_no_notice(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 @pytest.mark.parametrize("collects", [True, False])
-def test_no_garbage_is_collected_meanwhile(
-    monkeypatch: pytest.MonkeyPatch, collects: bool
-) -> None:
+def test_no_garbage_is_collected_meanwhile(monkeypatch: pytest.MonkeyPatch, collects: bool) -> None:
     monkeypatch.setattr("sys.stderr", io.StringIO())
     notice = Notice(FOLDER)
     try:
