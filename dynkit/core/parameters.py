@@ -33,7 +33,7 @@ class Family(Shown):
     @property
     def parameters(self) -> Mapping[str, float]:
         """The numeric parameters of this member of the family, by name."""
-        values = {name: getattr(self, name) for name in _field_names(type(self))}
+        values = {name: getattr(self, name) for name in _field_names(self)}
         return {
             name: float(value)
             for name, value in values.items()
@@ -75,7 +75,7 @@ class Family(Shown):
             self.value_of(name)
         if not parameters:
             return self
-        if not _field_names(type(self)):
+        if not _field_names(self):
             raise TypeError(f"{type(self).__name__} has parameters but does not define `replace`")
         changed: Self = dataclasses.replace(cast("Any", self), **parameters)
         return changed
@@ -97,8 +97,13 @@ def _is_field(annotation: Any) -> bool:
     return ClassVar not in (annotation, get_origin(annotation))
 
 
+def _field_names(instance: object) -> tuple[str, ...]:
+    kind: Any = type(instance)
+    return _field_names_of(kind)
+
+
 @lru_cache(maxsize=256)  # asked for at every step of a branch
-def _field_names(cls: type) -> tuple[str, ...]:
-    if not dataclasses.is_dataclass(cls):
+def _field_names_of(kind: type) -> tuple[str, ...]:
+    if not dataclasses.is_dataclass(kind):
         return ()
-    return tuple(entry.name for entry in dataclasses.fields(cls) if entry.init)
+    return tuple(entry.name for entry in dataclasses.fields(kind) if entry.init)
