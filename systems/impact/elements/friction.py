@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import KW_ONLY, dataclass, replace
+from functools import cached_property
 from typing import final
 
 from dynkit.core.validation import finite_scalar, non_negative
@@ -128,7 +129,7 @@ class DryFriction(Element):
     def drift(self) -> float:
         return self.velocity
 
-    @property
+    @cached_property
     def regimes(self) -> tuple[Regime, ...]:
         """Not known at a start, or off; slipping forward, backward; sticking; as contact begins."""
         order = 2 if self.most == self.kinetic else 1

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import KW_ONLY, dataclass
+from functools import cached_property
 from typing import Any, final
 
 import numpy as np
@@ -69,7 +70,7 @@ class Jenkins(Element):
     def drift(self) -> float:
         return self.velocity
 
-    @property
+    @cached_property
     def regimes(self) -> tuple[Regime, ...]:
         """Sticking, sliding forward, sliding backward."""
         k, force = self.stiffness, self.force

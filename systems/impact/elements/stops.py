@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import KW_ONLY, dataclass
+from functools import cached_property
 from typing import final
 
 from dynkit.core.validation import non_negative
@@ -100,7 +101,7 @@ class SoftStop(Element):
         if self.stiffness == self.damping == self.preload == 0.0:
             raise ValueError("stiffness must be positive where damping and preload are 0; got 0.0")
 
-    @property
+    @cached_property
     def regimes(self) -> tuple[Regime, ...]:
         """Outside, pressing, lifted; with a preload pressing again, by the force, and at rest."""
         k, c, p = self.stiffness, self.damping, self.preload
