@@ -301,6 +301,10 @@ class TaylorMode:
             response = response - inner @ np.linalg.solve(rows @ inner, rows @ response)
         return response, row @ response
 
+    def response(self, k: int, x: Array, phase: Any) -> Array:
+        """Velocity changes (N,) by a unit impulse along an element."""
+        return np.asarray(self._pushed(self.scene, k, x, phase)[0])
+
     def takes(self, k: int, x: Array, phase: Any) -> Any:
         """Most that an impact takes from the slip velocity of friction, over the gap's rate."""
         scene = self.scene

@@ -92,8 +92,9 @@ class Position:
                 self._z[self._half + self._chart.speeds[k]] = self._speed[k]
 
     def _afresh(self) -> None:
-        """Take the coordinates with which a run from this state begins, where there are sliders."""
-        for _ in range(_ROUNDS if self._chart.springs else 0):
+        """Take the coordinates with which a run from this state begins, where some are doubled."""
+        carried = self._chart.springs or self._mode.scene.dragged
+        for _ in range(_ROUNDS if carried else 0):
             before = self._z
             self._enter(*self._place())
             if (self._z == before).all():

@@ -166,9 +166,11 @@ class TaylorCourse(Position):
             self.ending = Ending.SEARCH_LIMIT
             return None
         self._pass(duration)
+        self._remaining -= duration
+        if index >= 0 and self._goes_back(index, duration):
+            return self._fly()
         if duration > 2.0**-52 * self._time:
             self._motion, self._at_once = [FLIGHT] * len(self._motion), 0
-        self._remaining -= duration
         if index == -1:
             # The duration of a period is rounded, in all periods alike.
             self._z, self._remaining = end, self._period
@@ -177,6 +179,12 @@ class TaylorCourse(Position):
             self._disturb()
             return -1
         return int(self._first + index)
+
+    def _goes_back(self, i: int, duration: float) -> bool:
+        """Whether what has just switched is at zero once more but for rounding."""
+        k, watch = self._mode.guards[i]
+        just = self._motion[k] == SWITCHED and duration < _BRIEF[0] * self._period
+        return just and watch.event == SWITCH and not self._falls(i)
 
     def _early(self, longest: float) -> list[float]:
         """Durations at which the first steps of a flight end, below the longest."""
@@ -219,6 +227,7 @@ class TaylorCourse(Position):
         self._motion[k] = FLIGHT if sticks else moved
         self._speed[k] = 0.0
         self._slide(before, halts=guard.watch.event == SWITCH and bool(guard.watch.rate))
+        self._appear(before)
         self._enter(*place)
         self._keep(gaps)
         if k in self._chart.springs and not self._mode.regimes[k].anchored:
@@ -240,6 +249,13 @@ class TaylorCourse(Position):
         for j in self._automaton.sliders:
             if regimes[before][j] != regimes[self._number][j]:
                 self._motion[j], self._speed[j] = SWITCHED, 0.0 if halts else math.nan
+
+    def _appear(self, before: int) -> None:
+        """Stops that are no longer lain at have gaps of zero, at rest."""
+        lain = [self._automaton.parts.lain(self._automaton.regimes[m]) for m in (before, self._number)]
+        for k, (was, lies) in enumerate(zip(*lain, strict=True)):
+            if was and not lies:
+                self._motion[k], self._speed[k] = BOUNCED, 0.0
 
     def _again(self, element: int) -> None:
         """In another mode, what did not come to rest may do so."""
@@ -374,7 +390,10 @@ class TaylorCourse(Position):
         while self.ending is Ending.COUNT_REACHED:
             number = None if self._plain else self._jumped()
             if number is not None:
-                self._change(number)
+                i = number - self._first
+                value, band = self._mode.watched(i, self._state())
+                soft = self._mode.guards[i][1].gap != 0.0 and value < -band
+                self._change(number, moved=FLIGHT if soft else SWITCHED)
                 continue
             if BOUNCED not in self._motion:
                 return
@@ -427,21 +446,25 @@ class TaylorCourse(Position):
         if self._automaton.guards[number].element != k:
             return
         rest: float | None = None
-        lost = 0.0
-        if u == 0.0:
-            rest = 0.0 if self._presses(k) else None
+        lost, guard = 0.0, self._automaton.guards[number]
+        loose = False
+        if u == 0.0:  # friction decides only what contact leaves to it
+            loose = any(r and m != SWITCHED for r, m in zip(guard.rubbed, self._motion, strict=True))
+            rest = 0.0 if loose or self._presses(k) else None
         else:
             series = chart.coefficients(self._z, *self._turn)
             found = series[chart.places[k]]
             a = -2.0 * float(found[2])
             if a > 0.0:
                 self._bounce = 4.0 * u / a
-                rubs = self._scrapes(self._automaton.guards[number])
-                given = self._laws[k], self._tolerance, u, found, rubs
-                rest, lost = chatter(self._mode, chart, k, self._state(), *given)
+                rubs, state = self._scrapes(guard), self._state()
+                turns = self._automaton.turns(guard, *self._where())
+                given = self._laws[k], self._tolerance, u, found, rubs, turns
+                rest, lost = chatter(self._mode, chart, k, state, *given)
                 if rest is not None:
                     slows = self._tails(rubs, series, k)
-                    disturbs = disturbed(self._mode, k, self._state(), u, rest, *given[:2], rubs)
+                    more = u, rest, *given[:2], rubs, guard.rubbed
+                    disturbs = disturbed(self._mode, k, state, *more)
                     rest = None if slows is None or disturbs else rest
         if rest is None:
             return
@@ -456,7 +479,7 @@ class TaylorCourse(Position):
             self._z[self._half + chart.speeds[k]] = 0.0
             if self._noise:
                 self._z += lost * self._random.choice((-1.0, 1.0), size=self._z.shape)
-        self._motion[k], self._speed[k] = SWITCHED, 0.0
+        self._motion[k], self._speed[k] = FLIGHT if loose else SWITCHED, 0.0
         place = self._place()
         self._number = self._automaton.enter(number)
         self._left = k
