@@ -84,7 +84,7 @@ class TaylorCourse(Position):
         moved = max((stop.amplitude for stop in oscillator._stops), default=0.0)
         slow = max(_SLOW * moved * oscillator.frequency, _LOW * self._tolerance ** (1.0 / 3.0))
         self._slowly = slow if moved else math.inf
-        self._since, self._last_switches = 0.0, 0
+        self._since, self._last_switches, self._latest = 0.0, 0, start.element
         self._switches: list[tuple[float, float, float, int, int, Array]] = []
         self._remaining = self._period
         if self._strobed:
@@ -144,6 +144,7 @@ class TaylorCourse(Position):
         number = self._fly() if self.ending is Ending.COUNT_REACHED else None
         if number is None or number < 0:
             return number
+        self._latest = self._automaton.guards[number].element
         if self._automaton.guards[number].watch.event != IMPACT:
             self._change(number)
         return number
@@ -406,9 +407,14 @@ class TaylorCourse(Position):
             self._rest(bounced)
 
     def _jumped(self) -> int | None:
-        """A guard that is negative at a start, or just after an event; None if none."""
-        state = self._state()
-        for i, (k, watch) in enumerate(self._mode.guards):
+        """A guard that is negative at a start, or just after an event; None if none.
+
+        What has just come to a halt is looked at first: where it slips on, others may stick that
+        would not if it stuck.
+        """
+        state, guards, count = self._state(), self._mode.guards, len(self._motion)
+        for i in sorted(range(len(guards)), key=lambda i: (guards[i][0] - self._latest) % count):
+            k, watch = guards[i]
             if watch.event not in (SWITCH, JUMP) or self._motion[k] == SWITCHED:
                 continue
             value, band = self._mode.watched(i, state)
