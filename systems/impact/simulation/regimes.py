@@ -24,7 +24,7 @@ from dynkit.systems.impact.elements.element import (
 )
 from dynkit.systems.impact.elements.friction import LANDED, OFF, STICKS, TURNED, DryFriction
 from dynkit.systems.impact.elements.stops import HardStop
-from dynkit.systems.impact.modes.constrained import depends, moves, pushed, rides
+from dynkit.systems.impact.modes.constrained import along_stops, depends, moves, pushed, rides
 from dynkit.systems.impact.modes.structure import Structure
 
 
@@ -290,10 +290,7 @@ class Parts:
         held = self.grips(regimes)[0]
         for k in self.normal:
             if self.along(held, k) is False and self.along((*held, stop), k) is not False:
-                raise NotImplementedError(
-                    "friction with a coefficient must not act along what stops hold together; "
-                    f"got {self._elements[k]!r}"
-                )
+                raise along_stops(self._elements[k])
         return [
             any(regime.sticks for regime in own)
             and not self.follows(k)

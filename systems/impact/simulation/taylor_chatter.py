@@ -158,18 +158,20 @@ def coupling(
     if curved or not scene.motion.equations.constant_mass:
         by_x = mode.gradients(state, rates=True)[:, :n]
     if curved:
-        return _along_function(mode, k, state, by_x, by_v)
-    by_gap = chart.to_v @ by_x @ chart.back_x[:n, p]
-    through = chart.to_v @ by_v @ chart.back_v
-    others = np.delete(np.arange(n), p)
-    moved = through[others, p]
-    turned = by_gap[others] + through[np.ix_(others, others)] @ moved
-    largest = max(abs(part).max(initial=0.0) for part in (moved, turned, by_gap[others]))
+        largest, drag = _along_function(mode, k, state, by_x, by_v)
+    else:
+        by_gap = chart.to_v @ by_x @ chart.back_x[:n, p]
+        through = chart.to_v @ by_v @ chart.back_v
+        others = np.delete(np.arange(n), p)
+        moved = through[others, p]
+        turned = by_gap[others] + through[np.ix_(others, others)] @ moved
+        largest = max(abs(part).max(initial=0.0) for part in (moved, turned, by_gap[others]))
+        drag = -through[p, p]
     for j, ratio in rubs:
         rub = ratio * mode.kick(j, x, phase)
         pulled = by_v @ rub
         largest += max(abs(pulled).max(), abs(by_x @ rub + by_v @ pulled).max())
-    return float(largest) or 1.0, -float(through[p, p])
+    return float(largest) or 1.0, float(drag)
 
 
 def _along_function(
@@ -184,4 +186,4 @@ def _along_function(
     turned = (ends[0] - 2.0 * kick + ends[1]) / step**2
     parts = moved, by_gap + by_v @ moved, by_gap, turned
     largest = max(float(abs(part).max()) for part in parts)
-    return largest or 1.0, -float(mode.scene.elements[k].sign * (row @ moved))
+    return largest, -float(mode.scene.elements[k].sign * (row @ moved))

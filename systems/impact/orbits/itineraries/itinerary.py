@@ -240,7 +240,7 @@ def _outcome(
         )
     if flights.varies:
         raise NoConvergence(
-            "no periodic orbit found: friction with a coefficient needs constant masses; got "
+            "no periodic orbit found: friction with a coefficient needs constant masses and rows; got "
             f"{machine.elements[stop]!r}"
         )
     jump = (1.0 + machine.restitution(stop)) * approach
