@@ -228,7 +228,11 @@ class Automaton:
                 # no mode follows where stops jam; only a start rests, or opens what is not open
                 ahead = g.opens < 0 and g.watch.event != REST
                 loose = g.watch.event != JAM and (g is guard or ahead)
-                if g.partner < 0 and loose and self.parts.after(self.regimes[g.mode], g) in self.regimes:
+                if (
+                    g.partner < 0
+                    and loose
+                    and self.parts.after(self.regimes[g.mode], g) in self.regimes
+                ):
                     self._join(g)
                     self._tables = None
 
@@ -320,7 +324,10 @@ class Automaton:
 
     def _join(self, guard: Guard) -> None:
         """Set the change of the state at the zero of a guard."""
-        one, guard.target = self.modes[guard.mode], self._number(self.parts.after(self.regimes[guard.mode], guard))
+        one, guard.target = (
+            self.modes[guard.mode],
+            self._number(self.parts.after(self.regimes[guard.mode], guard)),
+        )
         guard.partner = self.guard(guard.target, guard.element)
         rests = guard.watch.event in (IMPACT, REST)
         stop = self._elements[guard.element] if rests else None

@@ -248,9 +248,9 @@ def bounce_terms(
 ) -> tuple[float, float, float, float, float, float, float, float]:
     """Of bounces from relative velocity `u` on their terms to second order; s, a and b.
 
-    The drag is c. In flight the gap obeys D'' = -a - b t - c D' where it rises, and where it falls with s^2 a in
-    place of a. A bounce that leaves at u, t after the first one, takes (1 + 1/s)/a u + p u^2 + q u
-    t, and arrives at s u (1 + v u + w t).
+    The drag is c. In flight the gap obeys D'' = -a - b t - c D' where it rises, and where it falls
+    with s^2 a in place of a. A bounce that leaves at u, t after the first one, takes (1 + 1/s)/a u
+    + p u^2 + q u t, and arrives at s u (1 + v u + w t).
     """
     a = -second - c * u
     b = c * a - third

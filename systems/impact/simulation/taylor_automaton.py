@@ -4,13 +4,13 @@ from __future__ import annotations
 
 from dataclasses import replace
 from threading import RLock
-from typing import Any, final
+from typing import final
 
 import numpy as np
 from numpy.typing import NDArray
 
 from dynkit.core.validation import Array
-from dynkit.systems.impact.elements.element import IMPACT, JAM, JUMP
+from dynkit.systems.impact.elements.element import IMPACT, JAM
 from dynkit.systems.impact.elements.stops import HardStop
 from dynkit.systems.impact.modes.constrained import depends
 from dynkit.systems.impact.modes.structure import ROUNDING, Structure
@@ -158,4 +158,3 @@ class TaylorAutomaton:
         row, mode = self._scene.rows_at(x)[other], self.modes[guard.mode]
         change = mode.kick(guard.element, x, phase)
         return bool(abs(row @ change) > ROUNDING * (abs(row) @ abs(change)))
-

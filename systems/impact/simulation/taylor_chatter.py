@@ -109,7 +109,8 @@ def disturbed(
 ) -> bool:
     """Whether bounces from a velocity on, over a duration, may take others to a switch.
 
-    Friction that rests in contact is `rubbed`, and no such other. Each of their impulses changes what others watch: all of them less than twice their sum of it.
+    Friction that rests in contact is `rubbed`, and no such other. Each of their impulses changes
+    what others watch: all of them less than twice their sum of it.
     """
     (x, v), n, phase = mode.motion(state), mode.bodies, math.atan2(*state[:, -1])
     watched = [

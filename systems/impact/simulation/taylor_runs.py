@@ -11,7 +11,6 @@ import numpy as np
 from dynkit.core.validation import Array
 from dynkit.systems.impact.elements.element import HALT, IMPACT, JAM, JUMP, REST, SWITCH
 from dynkit.systems.impact.modes.constrained import ContactParadox
-from dynkit.systems.impact.modes.taylor_mode import ROUNDING, horner
 from dynkit.systems.impact.simulation.scrape_kernels import tail, taken
 from dynkit.systems.impact.simulation.scraping import Rub
 from dynkit.systems.impact.simulation.state import TWO_PI, ImpactState, Motion, state_of
@@ -33,9 +32,6 @@ if TYPE_CHECKING:
 
 _PERIODS = 1000.0
 """Periods of the forcing without an event after which a run ends, with `Ending.SEARCH_LIMIT`."""
-
-_AHEAD = 1e-7, 1e-5, 1e-3
-"""Parts of a period after which the sign of a guard is looked at that is zero but for rounding."""
 
 _BRIEF = 1e-8, 1e-4
 """Parts of a period at which the first steps of a flight end, as a guard may soon be zero."""
@@ -244,20 +240,6 @@ class TaylorCourse(Position):
         self._disturb()
         self._note(number, 0.0, 0.0)
 
-    def _slide(self, before: int, *, halts: bool) -> None:
-        """Note which sliders another mode begins to hold, or lets slide; and whether at rest."""
-        regimes = self._automaton.regimes
-        for j in self._automaton.sliders:
-            if regimes[before][j] != regimes[self._number][j]:
-                self._motion[j], self._speed[j] = SWITCHED, 0.0 if halts else math.nan
-
-    def _appear(self, before: int) -> None:
-        """Stops that are no longer lain at have gaps of zero, at rest."""
-        lain = [self._automaton.parts.lain(self._automaton.regimes[m]) for m in (before, self._number)]
-        for k, (was, lies) in enumerate(zip(*lain, strict=True)):
-            if was and not lies:
-                self._motion[k], self._speed[k] = BOUNCED, 0.0
-
     def _again(self, element: int) -> None:
         """In another mode, what did not come to rest may do so."""
         for k, motion in enumerate(self._motion):
@@ -318,17 +300,6 @@ class TaylorCourse(Position):
             return known
         found: tuple[Rub, ...] = self._automaton.scrapes(guard, *self._where())
         return found
-
-    def _slow(self, k: int, change: float, stops: bool) -> None:
-        """Change the slip velocity of friction by an impulse, which may stop it."""
-        kick, place = self._kick(k), self._half + self._chart.speeds[k]
-        if kick is None:
-            self._z[place] += change
-        else:
-            self._z[self._half :] += change * kick
-        self._motion[k] = FLIGHT
-        if stops:
-            self._z[place] = 0.0
 
     def _tails(self, rubs: Sequence[Rub], series: Array, k: int) -> Any:
         """Changes of slip as contact takes the place of bounces, and their error; None if open."""
@@ -424,20 +395,6 @@ class TaylorCourse(Position):
                 return int(self._first + i)
         return None
 
-    def _falls(self, i: int) -> bool:
-        """Whether a guard that is zero but for rounding becomes negative: there is no crossing."""
-        coefficients = self._chart.coefficients(self._z, *self._turn)
-        for part in _AHEAD:
-            time = part * self._period
-            angle = self._oscillator.frequency * time
-            turn = self._turn[0] + angle * self._turn[1], self._turn[1] - angle * self._turn[0]
-            z = horner(coefficients, np.array([time]))[0]
-            state = self._mode.state(*self._chart.motion(z, *turn), *turn)
-            value, band = self._mode.watched(i, state)
-            if abs(value) > band:
-                return value < 0.0
-        return False
-
     def _rest(self, k: int) -> None:
         """Decide whether a stop that has just been hit holds: enter contact if it does."""
         chart, u = self._chart, self._speed[k]
@@ -455,7 +412,9 @@ class TaylorCourse(Position):
         lost, guard = 0.0, self._automaton.guards[number]
         loose = False
         if u == 0.0:  # friction decides only what contact leaves to it
-            loose = any(r and m != SWITCHED for r, m in zip(guard.rubbed, self._motion, strict=True))
+            loose = any(
+                r and m != SWITCHED for r, m in zip(guard.rubbed, self._motion, strict=True)
+            )
             rest = 0.0 if loose or self._presses(k) else None
         else:
             series = chart.coefficients(self._z, *self._turn)
@@ -492,21 +451,6 @@ class TaylorCourse(Position):
         self._enter(*place)
         self._again(k)
         self._note(number, rest, u)
-
-    def _presses(self, k: int) -> bool:
-        """Whether a stop that is touched without a rate holds: by the gap's next derivative."""
-        found = self._chart.coefficients(self._z, *self._turn)[self._chart.places[k]]
-        a, pushes, given = self._mode.balance(self._state())
-        x, v = self._bodies()
-        row, bend = self._mode.scene.rows_at(x)[k], self._mode.scene.bends(x, v)[k]
-        size = float(abs(row) @ abs(a) + abs(bend)) + float(abs(given).max(initial=0.0))
-        size += float(abs(pushes).max(initial=0.0))
-        if abs(found[2]) > ROUNDING * size:
-            return bool(found[2] < 0.0)
-        w = self._oscillator.frequency
-        if abs(found[3]) > ROUNDING * size * (1.0 + w):
-            return bool(found[3] < 0.0)
-        return True
 
     # --- the trajectory ---------------------------------------------------------------------------
 
