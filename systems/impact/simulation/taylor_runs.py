@@ -140,8 +140,9 @@ class TaylorCourse(Position):
         number = self._fly() if self.ending is Ending.COUNT_REACHED else None
         if number is None or number < 0:
             return number
-        self._latest = self._automaton.guards[number].element
-        if self._automaton.guards[number].watch.event != IMPACT:
+        guard = self._automaton.guards[number]
+        self._latest = guard.element
+        if guard.watch.event != IMPACT:
             self._change(number)
         return number
 
@@ -164,7 +165,7 @@ class TaylorCourse(Position):
             return None
         self._pass(duration)
         self._remaining -= duration
-        if index >= 0 and self._goes_back(index, duration):
+        if index >= 0 and not self._plain and self._goes_back(index, duration):
             return self._fly()
         if duration > 2.0**-52 * self._time:
             self._motion, self._at_once = [FLIGHT] * len(self._motion), 0
