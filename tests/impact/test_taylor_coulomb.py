@@ -13,7 +13,6 @@ from mpmath import mp
 from dynkit import continue_orbit
 from dynkit.systems import DryFriction, HardStop, ImpactOscillator
 from dynkit.testing.maps import jacobian_is_the_derivative
-from tests.impact.curved_cases import Bob, floor
 from tests.impact.disguised import disguised
 from tests.impact.test_coulomb import beside_others, block, coupled, dropped, random_machine
 from tests.impact.test_rough_stops import bouncing_beside_friction
@@ -267,12 +266,6 @@ def test_a_chatter_is_not_cut_where_its_bounces_make_friction_elsewhere_slip(
     v, w = (events.velocity[events.kind == 1][0] for events in (one, two))
     assert x == pytest.approx(y, abs=2e-10)
     assert v == pytest.approx(w, abs=2e-10)
-
-
-def test_friction_beside_a_stop_along_a_function_is_refused_by_name() -> None:
-    rubs = DryFriction(0, coefficient=0.1, normal="floor")
-    with pytest.raises(NotImplementedError, match="beside a stop along a function"):
-        Bob(frequency=2.0, elements=[*floor(amplitude=0.05, offset=0.3), rubs])
 
 
 def test_derivatives_of_the_lowest_bounces_are_those_of_the_exact_engine() -> None:

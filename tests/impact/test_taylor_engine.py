@@ -481,17 +481,6 @@ def test_unknown_arguments_of_energies_are_named() -> None:
         _ = chain_with(potential=lambda _, x, time: x[0] ** 2 * time).engine
 
 
-@pytest.mark.parametrize(
-    ("elements", "message"),
-    [
-        ([TABLE, DryFriction(1, force=0.1)], "must act along rows that do not depend on one anoth"),
-    ],
-)
-def test_elements_that_cannot_be_followed_are_named(elements: Any, message: str) -> None:
-    with pytest.raises(ValueError, match=message):
-        TodaChain(masses=2, frequency=0.9, elements=elements).simulate(impacts=1)
-
-
 @pytest.mark.parametrize("load", [0.0, 0.5, 1.2, 3.0])
 @pytest.mark.parametrize("damping", [0.0, 0.3])
 def test_rest_on_a_preloaded_stop_is_that_of_the_exact_engine(load: float, damping: float) -> None:

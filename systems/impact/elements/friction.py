@@ -26,9 +26,10 @@ class DryFriction(Element):
     changes w makes it slip, since friction forces are finite and transmit no impulse.
 
     With a coefficient in place of a force, friction acts at the contact with a hard stop. The force
-    is the coefficient times the contact force, and zero while the stop is open. An impact at the
-    stop takes as much from w as its impulse times the coefficient can, at most until w is zero
-    (Coulomb's law for impulses).
+    is the coefficient times the contact force, and zero while the stop is open. Of a stop along a
+    function of the coordinates, the force on these is the contact force times the function's
+    gradient. An impact at the stop takes as much from w as its impulse times the coefficient can,
+    at most until w is zero (Coulomb's law for impulses).
 
     Parameters
     ----------

@@ -90,12 +90,7 @@ def _check_normal(elements: tuple[Element, ...], k: int, size: int) -> None:
             f"elements[{k}].normal must be a stop whose restitution is a number; got {stop!r}"
         )
     for other in elements[:k] + elements[k + 1 :]:
-        if other.curved:
-            raise NotImplementedError(
-                f"elements[{k}], friction with a coefficient, must not stand beside a stop along a "
-                f"function of the coordinates; got {other!r}"
-            )
-        if isinstance(other, HardStop | DryFriction):
+        if isinstance(other, HardStop | DryFriction) and not other.curved:
             rows = [own.row(size), other.row(size)]
             if np.linalg.matrix_rank(np.array(rows)) < 2:
                 raise NotImplementedError(

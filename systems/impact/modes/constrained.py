@@ -165,6 +165,13 @@ def pushes(rows: Array, slips: Sequence[tuple[int, Array, float]]) -> Array:
     return push
 
 
+def along_stops(friction: Element) -> NotImplementedError:
+    """The refusal of friction with a coefficient along what stops hold."""
+    return NotImplementedError(
+        f"friction with a coefficient must not act along what stops hold together; got {friction!r}"
+    )
+
+
 def check_unique(inertia: Array, rows: Array, push: Array, friction: Element) -> None:
     """Whether contact forces follow from accelerations: `inertia` (h, N) is rows over masses.
 

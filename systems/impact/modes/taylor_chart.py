@@ -135,14 +135,16 @@ class Chart:
     """One set of coordinates of a mode: positions and velocities, of which some are gaps or slips.
 
     Positions are followed by the places of the J sliders. Coordinates z are positions, what is left
-    of the stretch of each slider's spring until it yields, and gaps along K functions; then
-    velocities, slip velocities of sliders, and rates of these gaps: M = 2 (N + J + K) numbers. Bare
-    ones, (2 N + J,), are positions, the stretches themselves, and velocities.
+    of the stretch of each slider's spring until it yields, gaps along functions, and a zero for
+    friction whose slip velocity others determine, K of both; then velocities, slip velocities of
+    sliders, rates of these gaps, and these slip velocities: M = 2 (N + J + K) numbers. Bare ones,
+    (2 N + J,), are positions, the stretches themselves, and velocities.
 
     Attributes
     ----------
     plan : Plan
     own : (elements, 8) numbers of the elements, see `TaylorMode`
+    rows : (elements, N)
     to_x, back_x : (N + J, N + J)
         From positions to bare coordinates and back.
     to_v, back_v : (N, N)
@@ -166,6 +168,7 @@ class Chart:
         own: Array,
         to: tuple[Array, Array],
         back: tuple[Array, Array],
+        rows: Array,
         curves: dict[int, CoordinateFunction],
         joints: Array,
         events: tuple[int, ...],
@@ -174,9 +177,10 @@ class Chart:
         self.to_x, self.to_v = to
         self.back_x, self.back_v = back
         self._size, self._joints, self._events = len(self.to_v), joints, events
-        more = {k: len(self.to_x) + i for i, k in enumerate(curves)}
+        self.rows, self._more = rows, (*curves, *plan.dragged)
+        more = {k: len(self.to_x) + i for i, k in enumerate(self._more)}
         self.springs = {k: self._size + i for i, k in enumerate(plan.sliders)}
-        self.places = dict(plan.stops) | more
+        self.places = dict(plan.stops) | {k: more[k] for k in curves}
         self.speeds = dict((*plan.stops, *plan.rubs)) | self.springs | more
         self._changing: dict[tuple[int, ...], Any] = {}
         self.lock = RLock()
@@ -226,28 +230,28 @@ class Chart:
         more_x, more_v = self.shifts(sine, cosine)
         v = v[:n]
         parts = self.to_x @ x - more_x, self.to_v @ v - more_v
-        if not self.plan.sliders and not self.curves:
+        if not self.plan.sliders and not self._more:
             return np.concatenate(parts)
         side, reach = self._joints.T
         parts[0][n:] = reach - side * parts[0][n:]
         gaps, rates, x = [], [], x[:n]
-        for k in (*self.plan.sliders, *self.curves):
+        for k in (*self.plan.sliders, *self._more):
             sign, real, imaginary, offset, drift = self._own[k, :5]
             place = offset + real * sine + imaginary * cosine
             speed = drift + rate * (real * cosine - imaginary * sine)
             gaps += [sign * (float(self.curves[k](x)) - place)] if k in self.curves else []
+            gaps += [0.0] if k in self.plan.dragged else []
             rates.append(sign * (float(self._row(k, x) @ v) - speed))
         return np.concatenate([parts[0], gaps, parts[1], rates])
 
     def _row(self, k: int, x: Array) -> Array:
-        """Row (N,) of a slider, or of an element along a function, at positions (N,)."""
-        if k in self.curves:
-            return self.curves[k].gradient(x)
-        return np.asarray(self._own[k, 0] * self.to_x[self.springs[k], : self._size])
+        """Row (N,) of an element at positions (N,)."""
+        row: Array = self.curves[k].gradient(x) if k in self.curves else self.rows[k]
+        return row
 
     def kicked(self, x: Array, change: Array) -> Array:
         """Changes of the second half of the coordinates by changes (N,) of velocities."""
-        carried = (*self.plan.sliders, *self.curves)
+        carried = (*self.plan.sliders, *self._more)
         rates = [self._own[k, 0] * (self._row(k, x) @ change) for k in carried]
         return np.concatenate([self.to_v @ change, rates])
 

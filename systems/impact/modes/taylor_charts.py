@@ -15,10 +15,7 @@ from dynkit.systems.impact.modes.constrained import pushes
 from dynkit.systems.impact.modes.structure import pivots_of
 from dynkit.systems.impact.modes.taylor_chart import Chart
 from dynkit.systems.impact.modes.taylor_equations import Plan, numbers_of
-from dynkit.systems.impact.modes.taylor_scene import Scene
-
-_INDEPENDENT = 1e-9
-"""Relative size from which on a row depends on no others."""
+from dynkit.systems.impact.modes.taylor_scene import Scene, independent
 
 _NEVER = 0.0, 0.0, 0.0, 1.0, 0.0, 0.0
 """What a guard watches that does not exist in a regime."""
@@ -86,11 +83,7 @@ class Charts:
 
     def _made(self, hard: tuple[int, ...], sides: tuple[int, ...], *, rubs: bool = True) -> Chart:
         scene, n = self._scene, self._scene.size
-        slips: list[int] = []
-        for k, element in enumerate(scene.elements if rubs else ()):
-            rubs_there = any(regime.sticks for regime in element.regimes)
-            if rubs_there and self._apart([*hard, *slips, k]):
-                slips.append(k)
+        slips = [k for k in scene.rubs if k not in scene.dragged] if rubs else []
         signs = np.array([element.sign for element in scene.elements], dtype=float)
         to, places = [], []
         for chosen in (hard, (*hard, *slips)):
@@ -118,13 +111,15 @@ class Charts:
             scene.sliders,
             slips=tuple((k, stop) for k, stop, _ in self._slips),
             normals=tuple(scene.normal.items()),
+            dragged=scene.dragged if rubs else (),
         )
         head = [0.0, scene.excitation.frequency]
         of_curves = [function.numbers for function in scene.curves.values()]
         pars = np.concatenate([head, scene.motion.numbers, *of_curves, flat])
         whole = self._with_sliders(to[0], back[0])
         ways = (whole[0], to[1]), (whole[1], back[1])
-        return Chart(plan, pars, own, *ways, scene.curves, joints, tuple(self._events))
+        events = tuple(self._events)
+        return Chart(plan, pars, own, *ways, scene.rows, scene.curves, joints, events)
 
     def _with_sliders(self, to: Array, back: Array) -> tuple[Array, Array]:
         """Matrices (N + J, N + J) from positions and places of sliders to stretches, and back."""
@@ -192,14 +187,6 @@ def _watched(watch: Watch | None, joint: Sequence[float] | None) -> tuple[float,
     along, reach = watch.stretch * joint[0], joint[1]
     level = 0.0 if along < 0.0 else watch.level + along * reach
     return watch.gap, watch.rate, watch.force, level, -along, 0.0
-
-
-def independent(rows: Array) -> bool:
-    """Whether rows (k, N) are linearly independent."""
-    if len(rows) > rows.shape[1]:
-        return False
-    lengths = np.linalg.norm(rows, axis=1)
-    return bool(np.linalg.svd(rows / lengths[:, None], compute_uv=False)[-1] > _INDEPENDENT)
 
 
 def _through(mass: Array, rows: Array, slips: Sequence[tuple[int, Array, float]]) -> list[Array]:

@@ -49,6 +49,8 @@ class Plan:
         Friction that slips at the contact with a stop, and that stop.
     normals : tuple of (int, int)
         Friction at the contact with a stop, and that stop.
+    dragged : tuple of int
+        Friction whose slip velocities are variables besides, as other coordinates determine them.
     """
 
     equations: Equations
@@ -64,6 +66,7 @@ class Plan:
     carries: bool = True
     slips: tuple[tuple[int, int], ...] = ()
     normals: tuple[tuple[int, int], ...] = ()
+    dragged: tuple[int, ...] = ()
 
     @property
     def without_guards(self) -> Plan:
@@ -177,7 +180,9 @@ class _Builder:
         for k, p in self._speeds.items():
             v[p] = v[p] + own[k, 0] * (own[k, 4] + self.swing(k, 1))
         self.x, self.v = (_applied(self.leaves(n, n), part) for part in (x, v))
-        curves, sliders = ([k for k, _ in plan.curves], plan.sliders) if plan.carries else ([], ())
+        curves, sliders = [*(k for k, _ in plan.curves), *plan.dragged], plan.sliders
+        if not plan.carries:
+            curves, sliders = [], ()
         self.gaps = {k: hy.expression(f"g{k}") for k in curves}
         self.slips = {k: hy.expression(f"u{k}") for k in (*sliders, *curves)}
         self._bends: dict[int, Any] = {}
@@ -283,8 +288,9 @@ class _Builder:
         for k, slip in self.slips.items():
             along = _total(zip(self._rows[k], a, strict=True)) - self.swing(k, 2)
             along = along + self._bends[k] if k in self._bends else along
-            dx += [0.0 if k in plan.held else slip] if k in self.gaps else []
-            dv.append(0.0 if k in plan.held else self._own[k, 0] * along)
+            dx += [0.0 if k in (*plan.held, *plan.dragged) else slip] if k in self.gaps else []
+            still = k in (*plan.held, *plan.sticking)
+            dv.append(0.0 if still else self._own[k, 0] * along)
         return [*dx, *dv]
 
     def guard(self, watch: Any, k: int, press: list[Any]) -> Any:

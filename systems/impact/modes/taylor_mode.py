@@ -12,7 +12,7 @@ from dynkit.core.differences import STEP
 from dynkit.core.validation import Array
 from dynkit.systems.impact.elements.element import Element, Regime, Watch
 from dynkit.systems.impact.elements.stops import HardStop
-from dynkit.systems.impact.modes.constrained import check_unique, pushes
+from dynkit.systems.impact.modes.constrained import along_stops, check_unique, depends, pushes
 from dynkit.systems.impact.modes.steady_response import Layout
 from dynkit.systems.impact.modes.taylor_chart import Chart
 from dynkit.systems.impact.modes.taylor_charts import Charts
@@ -196,10 +196,17 @@ class TaylorMode:
         ------
         ContactParadox
             When friction leaves them open.
+        NotImplementedError
+            When friction with a coefficient acts along what stops hold, of which one is curved.
         """
+        if not (self.slips or (self.scene.curves and self.scene.normal)):
+            return
+        ((x, _, phase),) = self._given(state[None])
+        mass, rows = self.scene.inertia(x, phase)
+        for k, stop in self.scene.normal.items() if self.scene.curves else ():
+            if stop in self.held and depends(mass, rows[[*self.held, k]]):
+                raise along_stops(self.scene.elements[k])
         if self.slips:
-            ((x, _, phase),) = self._given(state[None])
-            mass, rows = self.scene.inertia(x, phase)
             rows = rows[[*self.held, *self.sticking]]
             inertia: Array = np.asarray(np.linalg.solve(mass, rows.T).T, dtype=float)
             check_unique(inertia, rows, self._pushes(rows), self.scene.elements[self.slips[0][0]])
@@ -300,6 +307,10 @@ class TaylorMode:
             inner = np.linalg.solve(mass, rows.T)
             response = response - inner @ np.linalg.solve(rows @ inner, rows @ response)
         return response, row @ response
+
+    def response(self, k: int, x: Array, phase: Any) -> Array:
+        """Velocity changes (N,) by a unit impulse along an element."""
+        return np.asarray(self._pushed(self.scene, k, x, phase)[0])
 
     def takes(self, k: int, x: Array, phase: Any) -> Any:
         """Most that an impact takes from the slip velocity of friction, over the gap's rate."""

@@ -6,7 +6,6 @@ from bisect import bisect_left
 from collections.abc import Sequence
 from copy import copy
 from dataclasses import dataclass, replace
-from functools import partial
 from itertools import takewhile
 from operator import attrgetter
 from threading import RLock
@@ -22,10 +21,8 @@ from dynkit.systems.impact.elements.element import (
     IMPACT,
     JAM,
     JUMP,
-    LAIN,
     RELEASED,
     REST,
-    SWITCH,
     Element,
     Watch,
 )
@@ -69,6 +66,8 @@ class Guard:
         Whether an impact pushes against a closed stop, or friction leaves its outcome open.
     scrapes : tuple of Scrape, or of Rub
         Friction at an impact.
+    rubbed : sequence of bool
+        Of Taylor's method, see `Parts.rubbed`.
     """
 
     mode: int
@@ -81,6 +80,7 @@ class Guard:
     opens: int = -1
     ambiguous: bool = False
     scrapes: Any = ()
+    rubbed: Any = ()
 
 
 class Grip(NamedTuple):
@@ -223,12 +223,16 @@ class Automaton:
         """Build the next mode of a guard, unless a motion has entered it."""
         with self._lock:
             guard = self.guards[number]
-            target = self._number(self._after(guard))
+            target = self._number(self.parts.after(self.regimes[guard.mode], guard))
             for g in (guard, *(g for g in self.guards if g.mode == target)):
                 # no mode follows where stops jam; only a start rests, or opens what is not open
                 ahead = g.opens < 0 and g.watch.event != REST
                 loose = g.watch.event != JAM and (g is guard or ahead)
-                if g.partner < 0 and loose and self._after(g) in self.regimes:
+                if (
+                    g.partner < 0
+                    and loose
+                    and self.parts.after(self.regimes[g.mode], g) in self.regimes
+                ):
                     self._join(g)
                     self._tables = None
 
@@ -263,15 +267,6 @@ class Automaton:
                 self._build(regimes)
             return self.regimes.index(regimes)
 
-    def _after(self, guard: Guard) -> tuple[int, ...]:
-        """The regimes that a guard leads to."""
-        regimes = list(self.regimes[guard.mode])
-        released = self.parts.now(regimes)[guard.element].holds and self.parts.hard(guard.element)
-        regimes[guard.element] = LAIN if released else guard.watch.to
-        if guard.element in self.sliders and guard.watch.rate:
-            regimes = self.parts.halted(regimes, guard.element, jumps=guard.watch.event == JUMP)
-        return self.parts.settled(regimes)
-
     def _build(self, regimes: tuple[int, ...]) -> None:
         number, now = len(self.modes), self.parts.now(regimes)
         structure, excitation = self._structure, self._excitation
@@ -287,18 +282,8 @@ class Automaton:
         structure = structure.stiffened(springs)
         grips = self.parts.grips(regimes)
         held, sticking = ([self._elements[k] for k in part] for part in grips)
+        both, riding = grips[0] + grips[1], self.parts.riding(regimes)
         places = range(len(now))
-        both = grips[0] + grips[1]
-        rubs = [now[k].halts or k in self.sliders for k in places]
-        riding = [self.parts.along(both if rubs[k] else grips[0], k) for k in places]
-        for k, regime in enumerate(now):
-            if regime.halts and riding[k]:
-                raise NotImplementedError(
-                    f"friction must not act along what other friction holds, which leaves its "
-                    f"force open; got {self._elements[k]!r}"
-                )
-            if isinstance(self._elements[k], HardStop) and riding[k] is False:
-                riding[k] = self.parts.along(both, k) or False  # what does not move reaches no stop
         moving = [k for k in places if not riding[k] and not self.parts.follows(k)]
         watched = [self._elements[k].row(structure.size) for k in moving]
         watched += [np.eye(structure.size)[slider.place] for slider in sliders]
@@ -317,40 +302,32 @@ class Automaton:
         mode = mode_of(structure, excitation, held, sticking, watched, hit, sliders, slips)
         self.modes.append(mode)
         self.regimes.append(regimes)
-        for k, (element, regime) in enumerate(zip(self._elements, now, strict=True)):
+        for k, watch in self.parts.watches(regimes, riding):
+            element = given[k]
             if k in both:
                 normal = given[self.parts.normal[k]] if k in self.parts.normal else None
-                for watch in map(partial(self._shared, k), regime.guards):
-                    fixed = [*held, *sticking]
-                    force = force_of(
-                        mode, structure, excitation, fixed, element, watch, slips, normal
+                fixed = [*held, *sticking]
+                sum_ = force_of(mode, structure, excitation, fixed, element, watch, slips, normal)
+            else:
+                sum_ = sum_of(mode, element, watch, self.sliders.get(k, -1))
+            guard = Guard(number, k, watch, sum_)
+            if watch.event == IMPACT:
+                guard.opens, guard.ambiguous = self.parts.pushed(regimes, k)
+                if riding[k] is not None:
+                    guard.scrapes, open_ = scrapes_of(
+                        self._structure, mode, given, self.parts, regimes, k
                     )
-                    self.guards.append(Guard(number, k, watch, force))
-            elif k in moving:
-                for watch in _free_of(regime.guards, riding[k]):
-                    sum_ = sum_of(mode, element, watch, self.sliders.get(k, -1))
-                    guard = Guard(number, k, watch, sum_)
-                    if watch.event == IMPACT:
-                        guard.opens, guard.ambiguous = self.parts.pushed(regimes, k)
-                        if riding[k] is not None:
-                            guard.scrapes, open_ = scrapes_of(
-                                self._structure, mode, given, self.parts, regimes, k
-                            )
-                            guard.ambiguous = guard.ambiguous or open_
-                        elif guard.opens < 0:
-                            guard.watch = replace(watch, event=JAM)
-                    self.guards.append(guard)
-
-    def _shared(self, element: int, watch: Watch) -> Watch:
-        """The guard of a friction force, or of the sum for friction that sticks together."""
-        if len(self.parts.led(element)) < 2:
-            return watch
-        force, static = self.parts.most(element)
-        return replace(watch, level=static, order=2 if force == static else 1)
+                    guard.ambiguous = guard.ambiguous or open_
+                elif guard.opens < 0:
+                    guard.watch = replace(watch, event=JAM)
+            self.guards.append(guard)
 
     def _join(self, guard: Guard) -> None:
         """Set the change of the state at the zero of a guard."""
-        one, guard.target = self.modes[guard.mode], self._number(self._after(guard))
+        one, guard.target = (
+            self.modes[guard.mode],
+            self._number(self.parts.after(self.regimes[guard.mode], guard)),
+        )
         guard.partner = self.guard(guard.target, guard.element)
         rests = guard.watch.event in (IMPACT, REST)
         stop = self._elements[guard.element] if rests else None
@@ -495,13 +472,6 @@ class Automaton:
                     moved = abs(row @ change) > ROUNDING * (abs(row) @ abs(change))
                     out[k] = out[k] or bool(moved)
         return out
-
-
-def _free_of(guards: tuple[Watch, ...], along: bool | None) -> Sequence[Watch]:
-    """Guards of an element, without a halt that other elements decide."""
-    if along is not None or not guards or guards[0].event != HALT:
-        return guards
-    return [replace(watch, event=SWITCH, order=1) for watch in guards if watch.event == JUMP]
 
 
 def cycled_by(elements: Sequence[Element]) -> int | None:

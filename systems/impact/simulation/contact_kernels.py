@@ -121,7 +121,7 @@ def transform(matrix: Array, states: Array, k: int, to: int) -> None:
         states[to, i // n, i % n] = total
 
 
-@kernel()
+@kernel(entry=True)
 def falling(restitution: float, second: float, drop: float) -> tuple[float, float]:
     """Restitution and acceleration of bounces without friction that last as long, to leading order.
 
@@ -244,15 +244,14 @@ def place_error(
 
 @kernel()
 def bounce_terms(
-    gap: Ladder, kick: Array, drop: float, u: float, second: float, third: float
+    c: float, drop: float, u: float, second: float, third: float
 ) -> tuple[float, float, float, float, float, float, float, float]:
     """Of bounces from relative velocity `u` on their terms to second order; s, a and b.
 
-    In flight the gap obeys D'' = -a - b t - c D' where it rises, and where it falls with s^2 a in
-    place of a. A bounce that leaves at u, t after the first one, takes (1 + 1/s)/a u + p u^2 + q u
-    t, and arrives at s u (1 + v u + w t).
+    The drag is c. In flight the gap obeys D'' = -a - b t - c D' where it rises, and where it falls
+    with s^2 a in place of a. A bounce that leaves at u, t after the first one, takes (1 + 1/s)/a u
+    + p u^2 + q u t, and arrives at s u (1 + v u + w t).
     """
-    c = drag(gap, kick)
     a = -second - c * u
     b = c * a - third
     s = math.sqrt(1.0 - drop / a)
@@ -266,12 +265,12 @@ def bounce_terms(
     return once, p, q, v, w, s, a, b * a * a
 
 
-@kernel()
+@kernel(entry=True)
 def chatter_rest(
-    gap: Ladder, kick: Array, restitution: float, drop: float, u: float, second: float, third: float
+    c: float, restitution: float, drop: float, u: float, second: float, third: float
 ) -> float:
-    """Time until the bounces from relative velocity `u` on accumulate, to second order in `u`."""
-    once, p, q, v, w, s, _, _ = bounce_terms(gap, kick, drop, u, second, third)
+    """Time until bounces from velocity `u` on accumulate, to second order in `u`; the drag is c."""
+    once, p, q, v, w, s, _, _ = bounce_terms(c, drop, u, second, third)
     r = restitution * s
     more = p + r / (1.0 - r) * once * (v + q) + w * (once * r / (1.0 - r)) ** 2
     return once * u / (1.0 - r) + u * u * more / (1.0 - r * r)

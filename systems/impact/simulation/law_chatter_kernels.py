@@ -107,7 +107,7 @@ def _rest(
     registers: Array,
 ) -> float:
     """As `chatter_rest`, by a law: bounce by bounce."""
-    once, p, q, v, w, s, a, b = bounce_terms(gap, kick, drop, u, second, third)
+    once, p, q, v, w, s, a, b = bounce_terms(drag(gap, kick), drop, u, second, third)
     powers = tail[LIMIT] * s >= 1.0
     time = 0.0
     rate = u

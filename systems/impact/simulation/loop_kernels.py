@@ -65,6 +65,7 @@ from dynkit.systems.impact.simulation.contact_kernels import (
     Tables,
     chatter_completes,
     chatter_rest,
+    drag,
     is_negative,
     lifted,
     order_at_rest,
@@ -275,7 +276,9 @@ def run(
                             tables.coupling[k] * lost,
                         )
                         if sticks:
-                            rest = chatter_rest(gap, tables.kick[k], r, drop, u, second, third)
+                            rest = chatter_rest(
+                                drag(gap, tables.kick[k]), r, drop, u, second, third
+                            )
                             rates = u / (1.0 - r)
                     if beside is not None:
                         if sticks and beside > 0 and disturbs(tables, k, rates, rest, y):

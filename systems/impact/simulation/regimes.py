@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import Any, final
 
 import numpy as np
@@ -11,15 +12,19 @@ from numpy.typing import NDArray
 from dynkit.core.validation import Array
 from dynkit.exponential.modes import LARGEST
 from dynkit.systems.impact.elements.element import (
+    HALT,
     IMPACT,
+    JUMP,
     LAIN,
+    SWITCH,
     Element,
     EventKind,
     Regime,
+    Watch,
 )
 from dynkit.systems.impact.elements.friction import LANDED, OFF, STICKS, TURNED, DryFriction
 from dynkit.systems.impact.elements.stops import HardStop
-from dynkit.systems.impact.modes.constrained import depends, moves, pushed, rides
+from dynkit.systems.impact.modes.constrained import along_stops, depends, moves, pushed, rides
 from dynkit.systems.impact.modes.structure import Structure
 
 
@@ -88,6 +93,15 @@ class Parts:
                 regimes[k] = next(j for j, r in enumerate(own) if r.sticks or r.anchored)
         return regimes
 
+    def after(self, given: Sequence[int], guard: Any) -> tuple[int, ...]:
+        """The regimes that a guard leads to."""
+        regimes, k = list(given), guard.element
+        released = self.now(regimes)[k].holds and self.hard(k)
+        regimes[k] = LAIN if released else guard.watch.to
+        if k in self._sliders and guard.watch.rate:
+            regimes = self.halted(regimes, k, jumps=guard.watch.event == JUMP)
+        return self.settled(regimes)
+
     def settled(self, given: Sequence[int]) -> tuple[int, ...]:
         """Make regimes consistent.
 
@@ -147,6 +161,56 @@ class Parts:
             own, curved = self._elements[element], self._elements[element].curved
             self._along[others, element] = not curved and rides(self._structure, held, own)
         return self._along[others, element]
+
+    def riding(self, regimes: Sequence[int]) -> list[bool | None]:
+        """For each element whether others hold its row: see `along`.
+
+        Others are what holds, and for friction and sliders also what sticks. A stop whose mass does
+        not move is not reached.
+
+        Raises
+        ------
+        NotImplementedError
+            When friction slips along what other friction holds.
+        """
+        held, sticking = self.grips(regimes)
+        both, out = held + sticking, list[bool | None]()
+        for k, regime in enumerate(self.now(regimes)):
+            rubs = regime.halts or k in self._sliders
+            rides = self.along(both if rubs else held, k)
+            if regime.halts and rides:
+                raise NotImplementedError(
+                    "friction must not act along what other friction holds, which leaves its "
+                    f"force open; got {self._elements[k]!r}"
+                )
+            out.append(self.along(both, k) or False if self.hard(k) and rides is False else rides)
+        return out
+
+    def watches(
+        self, regimes: Sequence[int], riding: Sequence[bool | None]
+    ) -> list[tuple[int, Watch]]:
+        """Guards of a mode: elements, and what is watched.
+
+        What others hold has none. Friction on a row that others move does not halt.
+        """
+        both, found = sum(self.grips(regimes), ()), list[tuple[int, Watch]]()
+        for k, regime in enumerate(self.now(regimes)):
+            own: Sequence[Watch] = regime.guards
+            if k in both:
+                own = [self._shared(k, watch) for watch in own]
+            elif riding[k] or self.follows(k):
+                own = ()
+            elif riding[k] is None and own and own[0].event == HALT:
+                own = [replace(w, event=SWITCH, order=1) for w in own if w.event == JUMP]
+            found += [(k, watch) for watch in own]
+        return found
+
+    def _shared(self, element: int, watch: Watch) -> Watch:
+        """The guard of a friction force, or of the sum for friction that sticks together."""
+        if len(self.led(element)) < 2:
+            return watch
+        force, static = self.most(element)
+        return replace(watch, level=static, order=2 if force == static else 1)
 
     def hard(self, element: int) -> bool:
         """Whether an element is a hard stop."""
@@ -226,10 +290,7 @@ class Parts:
         held = self.grips(regimes)[0]
         for k in self.normal:
             if self.along(held, k) is False and self.along((*held, stop), k) is not False:
-                raise NotImplementedError(
-                    "friction with a coefficient must not act along what stops hold together; "
-                    f"got {self._elements[k]!r}"
-                )
+                raise along_stops(self._elements[k])
         return [
             any(regime.sticks for regime in own)
             and not self.follows(k)

@@ -4,17 +4,16 @@ from __future__ import annotations
 
 from dataclasses import replace
 from threading import RLock
-from typing import Any, final
+from typing import final
 
 import numpy as np
 from numpy.typing import NDArray
 
 from dynkit.core.validation import Array
-from dynkit.systems.impact.elements.element import IMPACT, JAM, JUMP
+from dynkit.systems.impact.elements.element import IMPACT, JAM
 from dynkit.systems.impact.elements.stops import HardStop
 from dynkit.systems.impact.modes.constrained import depends
 from dynkit.systems.impact.modes.structure import ROUNDING, Structure
-from dynkit.systems.impact.modes.taylor_charts import independent
 from dynkit.systems.impact.modes.taylor_mode import TaylorMode
 from dynkit.systems.impact.modes.taylor_scene import Scene
 from dynkit.systems.impact.simulation.automaton import Guard, cycled_by, halts
@@ -39,15 +38,9 @@ class TaylorAutomaton:
         Number of the slider's coordinate, by number of the element.
     table : (guards, 4)
         For each guard: its mode, its element, the next mode, and the kind of the event.
-
-    Raises
-    ------
-    ValueError
-        When elements act along rows that depend on one another.
     """
 
     def __init__(self, structure: Structure, scene: Scene) -> None:
-        check_elements(scene)
         self._structure, self._scene = structure, scene
         self._elements = scene.elements
         self.parts = Parts(scene.elements, structure, scene.normal)
@@ -80,12 +73,7 @@ class TaylorAutomaton:
         """Number of the mode that a guard leads to; it is built if no motion has entered it."""
         guard = self.guards[number]
         if guard.target < 0:
-            regimes = list(self.regimes[guard.mode])
-            regimes[guard.element] = guard.watch.to
-            if guard.element in self.sliders and guard.watch.rate:
-                jumps = guard.watch.event == JUMP
-                regimes = self.parts.halted(regimes, guard.element, jumps=jumps)
-            guard.target = self._number(self.parts.settled(regimes))
+            guard.target = self._number(self.parts.after(self.regimes[guard.mode], guard))
             guard.partner = self.guard(guard.target, guard.element)
         return guard.target
 
@@ -106,15 +94,8 @@ class TaylorAutomaton:
 
     def _build(self, regimes: tuple[int, ...]) -> None:
         now, number = self.parts.now(regimes), len(self.modes)
-        grips = self.parts.grips(regimes)
-        both, watched = sum(grips, ()), list[Any]()
-        for k, regime in enumerate(now):
-            # a stop that faces a closed one keeps its gap, unless they move apart
-            holding = both if k in self.sliders else grips[0]
-            along = False if k in both else self.parts.along(holding, k)
-            for watch in regime.guards if along is not True else ():
-                jams = along is None and watch.event == IMPACT
-                watched.append((k, replace(watch, event=JAM) if jams else watch))
+        grips, riding = self.parts.grips(regimes), self.parts.riding(regimes)
+        watched = self.parts.watches(regimes, riding)
         watched.sort(key=lambda pair: (pair[1].at_once, pair[0] in self.sliders))
         mode = TaylorMode(self._scene, now, grips, watched, self.parts.tractions(regimes))
         self.first.append(len(self.guards))
@@ -122,11 +103,23 @@ class TaylorAutomaton:
         self.regimes.append(regimes)
         for k, watch in watched:
             guard = Guard(number, k, watch, None)
+            if watch.event == IMPACT:
+                guard.rubbed = self.parts.rubbed(regimes, k)
             if watch.event == IMPACT and mode.constant_kicks:
                 guard.opens, guard.ambiguous = self.parts.pushed(regimes, k)
-                guard.scrapes, open_ = self._rubs(guard, np.zeros(mode.bodies), 0.0)
-                guard.ambiguous = guard.ambiguous or open_
+                if riding[k] is not None:
+                    guard.scrapes, open_ = self._rubs(guard, np.zeros(mode.bodies), 0.0)
+                    guard.ambiguous = guard.ambiguous or open_
+                elif guard.opens < 0:
+                    guard.watch = replace(watch, event=JAM)
             self.guards.append(guard)
+
+    def turns(self, guard: Guard, x: Array, phase: float) -> tuple[float, float]:
+        """What friction along the row of a stop does in its bounces: see `Parts.turns`."""
+        if not any(guard.rubbed):
+            return 0.0, 0.0
+        response = self.modes[guard.mode].response(guard.element, x, phase)
+        return self.parts.turns(guard.rubbed, response)
 
     def outcome(self, guard: Guard, x: Array, phase: float) -> tuple[int, bool]:
         """What an impact at positions (N,) and a phase opens or moves, -1 for none.
@@ -165,37 +158,3 @@ class TaylorAutomaton:
         row, mode = self._scene.rows_at(x)[other], self.modes[guard.mode]
         change = mode.kick(guard.element, x, phase)
         return bool(abs(row @ change) > ROUNDING * (abs(row) @ abs(change)))
-
-
-def check_elements(scene: Scene) -> None:
-    """Refuse elements that Taylor's method does not follow.
-
-    Raises
-    ------
-    ValueError
-        As `TaylorAutomaton`.
-    """
-    elements, rows = scene.elements, list[Any]()
-    rigid = [
-        k
-        for k, e in enumerate(elements)
-        if any(regime.holds or regime.sticks for regime in e.regimes)
-    ]
-    for k in rigid:
-        if elements[k].curved:
-            continue  # its row depends on the state
-        mine = scene.rows[k] / np.linalg.norm(scene.rows[k])
-        facing = isinstance(elements[k], HardStop) and any(
-            isinstance(elements[j], HardStop)
-            and not elements[j].curved
-            and abs(abs(mine @ scene.rows[j]) - np.linalg.norm(scene.rows[j])) < ROUNDING
-            for j in rigid[: rigid.index(k)]
-        )
-        if facing:
-            continue
-        rows.append(mine)
-        if not independent(np.array(rows)):
-            raise ValueError(
-                "elements of a structure whose energies are not quadratic must act along rows "
-                f"that do not depend on one another; got {elements[k]!r} beside others"
-            )

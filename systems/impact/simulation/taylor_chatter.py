@@ -11,6 +11,7 @@ import numpy as np
 from dynkit.core.validation import Array
 from dynkit.systems.impact.elements.element import HALT, SWITCH
 from dynkit.systems.impact.elements.laws import ImpactLaw, Restitution, share
+from dynkit.systems.impact.simulation.contact_kernels import chatter_rest, falling
 
 if TYPE_CHECKING:
     from dynkit.systems.impact.modes.taylor_chart import Chart
@@ -36,6 +37,7 @@ def chatter(
     u: float,
     found: Array,
     rubs: Sequence[tuple[int, float]],
+    turns: tuple[float, float],
 ) -> tuple[float | None, float]:
     """Duration of the bounces of a gap from a velocity on, None where they are not over; the error.
 
@@ -54,25 +56,44 @@ def chatter(
         Taylor coefficients of the gap.
     rubs : sequence of (int, float)
         Friction at the impacts, and the most that it takes of its slip over the gap's rate.
+    turns : (float, float)
+        How much the gap's acceleration falls where friction along its row reverses, and the largest
+        acceleration that this friction holds. Beside such friction no bounces of a law are omitted.
     """
-    a, r = -2.0 * float(found[2]), None if isinstance(law, ImpactLaw) else law
-    part = float(share(law, np.array([u]))[0]) if isinstance(law, ImpactLaw) else 1.0 - law
-    if not part > 0.0 or (allowed == 0.0 and u > _SMALLEST):
+    a, (drop, hold) = -2.0 * float(found[2]), turns
+    least, part, by_law = a - drop, _part(law, u), isinstance(law, ImpactLaw)
+    if not (part > 0.0 and least > 0.0) or (allowed == 0.0 and u > _SMALLEST):
         return None, 0.0
-    lost = (2.0 / 3.0) * u**3 / (a * a * (part if r is None else 1.0 - r**3))
-    rest = 4.0 * u / (a * part)
+    if by_law and (drop > 0.0 or hold > 0.0):
+        return None, 0.0
+    slowed, fall = falling(1.0, -a, drop)
+    lasts = slowed * (1.0 - part)
+    left, cubes = (part, part) if by_law else (1.0 - lasts, 1.0 - lasts**3)
+    lost = (2.0 / 3.0) * u**3 / (a * fall * cubes)
+    rest = 4.0 * u / (fall * left)
     if lost > _PLACE * allowed > 0.0:
         return None, 0.0
     order = np.arange(3, len(found))
     terms = abs(found[3:]) * order * (order - 1) * rest ** (order - 2.0)
-    if float(terms.sum()) > 0.25 * part * a or terms[-1] > 1e-6 * a:
+    change = float(terms.sum())
+    if change > 0.25 * part * least or terms[-1] > 1e-6 * a:
         return None, 0.0
     largest, drag = coupling(mode, chart, k, state, rubs)
+    change += abs(drag) * drop * rest
+    if change > min(0.25 * part * least, least + 0.5 * drop - hold):
+        return None, 0.0
     third = 6.0 * float(found[3])
     place = 0.025 * u * rest * rest * (abs(drag - third / a) + abs(drag))
+    place += 0.5 * u * u / least if drop > 0.0 else 0.0
     if largest * lost > allowed or place > _PLACE * allowed > 0.0:
         return None, 0.0
-    return 0.5 * rest if r is None else _bounces(u, r, a, drag, third), largest * lost
+    time = 0.5 * rest if by_law else chatter_rest(drag, 1.0 - part, drop, u, -a, third)
+    return time, largest * lost
+
+
+def _part(law: Restitution, u: float) -> float:
+    """The velocity of a bounce over the sum of those of all bounces from this one on."""
+    return float(share(law, np.array([u]))[0]) if isinstance(law, ImpactLaw) else 1.0 - law
 
 
 def disturbed(
@@ -84,16 +105,20 @@ def disturbed(
     law: Restitution,
     allowed: float,
     rubs: Sequence[tuple[int, float]],
+    rubbed: Sequence[bool],
 ) -> bool:
     """Whether bounces from a velocity on, over a duration, may take others to a switch.
 
-    Each of their impulses changes what others watch: all of them less than twice their sum of it.
+    Friction that rests in contact is `rubbed`, and no such other. Each of their impulses changes
+    what others watch: all of them less than twice their sum of it.
     """
     (x, v), n, phase = mode.motion(state), mode.bodies, math.atan2(*state[:, -1])
-    watched = [i for i, (_, w) in enumerate(mode.guards) if w.event in (SWITCH, HALT)]
+    watched = [
+        i for i, (j, w) in enumerate(mode.guards) if w.event in (SWITCH, HALT) and not rubbed[j]
+    ]
     if not watched:
         return False
-    part = float(share(law, np.array([u]))[0]) if isinstance(law, ImpactLaw) else 1.0 - law
+    part = _part(law, u)
     kicks = [mode.kick(k, x, phase), *(ratio * mode.kick(j, x, phase) for j, ratio in rubs)]
     by_v = mode.gradients(state, rates=True)[:, n : 2 * n]
     moving = mode.rate(state[None])[0, :, :n]
@@ -134,18 +159,20 @@ def coupling(
     if curved or not scene.motion.equations.constant_mass:
         by_x = mode.gradients(state, rates=True)[:, :n]
     if curved:
-        return _along_function(mode, k, state, by_x, by_v)
-    by_gap = chart.to_v @ by_x @ chart.back_x[:n, p]
-    through = chart.to_v @ by_v @ chart.back_v
-    others = np.delete(np.arange(n), p)
-    moved = through[others, p]
-    turned = by_gap[others] + through[np.ix_(others, others)] @ moved
-    largest = max(abs(part).max(initial=0.0) for part in (moved, turned, by_gap[others]))
+        largest, drag = _along_function(mode, k, state, by_x, by_v)
+    else:
+        by_gap = chart.to_v @ by_x @ chart.back_x[:n, p]
+        through = chart.to_v @ by_v @ chart.back_v
+        others = np.delete(np.arange(n), p)
+        moved = through[others, p]
+        turned = by_gap[others] + through[np.ix_(others, others)] @ moved
+        largest = max(abs(part).max(initial=0.0) for part in (moved, turned, by_gap[others]))
+        drag = -through[p, p]
     for j, ratio in rubs:
         rub = ratio * mode.kick(j, x, phase)
         pulled = by_v @ rub
         largest += max(abs(pulled).max(), abs(by_x @ rub + by_v @ pulled).max())
-    return float(largest) or 1.0, -float(through[p, p])
+    return float(largest) or 1.0, float(drag)
 
 
 def _along_function(
@@ -160,17 +187,4 @@ def _along_function(
     turned = (ends[0] - 2.0 * kick + ends[1]) / step**2
     parts = moved, by_gap + by_v @ moved, by_gap, turned
     largest = max(float(abs(part).max()) for part in parts)
-    return largest or 1.0, -float(mode.scene.elements[k].sign * (row @ moved))
-
-
-def _bounces(u: float, r: float, acceleration: float, drag: float, third: float) -> float:
-    """Time until the bounces from velocity `u` on accumulate, to second order in `u`.
-
-    In flight the gap obeys g'' = -a - b t - c g'. A bounce that leaves at u, t after the first one,
-    takes 2 u / a + p u^2 + q u t, and arrives at u (1 + v u).
-    """
-    a = acceleration - drag * u
-    c, b = drag / a, (drag * a - third) / (a * a)
-    once, p, q, v = 2.0 / a, -(2.0 * c + 4.0 * b) / (3.0 * a), -2.0 * b, 2.0 * (b - c) / 3.0
-    more = p + r / (1.0 - r) * once * (v + q)
-    return once * u / (1.0 - r) + u * u * more / (1.0 - r * r)
+    return largest, -float(mode.scene.elements[k].sign * (row @ moved))

@@ -10,6 +10,7 @@ import numpy as np
 from dynkit.core.validation import Array
 from dynkit.systems.impact.elements.element import IMPACT
 from dynkit.systems.impact.elements.friction import LANDED
+from dynkit.systems.impact.modes.taylor_mode import ROUNDING, horner
 from dynkit.systems.impact.simulation.state import TOUCHED, TWO_PI, ImpactState, Motion, on_stop
 
 if TYPE_CHECKING:
@@ -34,6 +35,9 @@ _ROUNDS = 4
 
 _STEPS = 16.0
 """Steps of a flight whose roundings the disturbance of one event covers."""
+
+_AHEAD = 1e-7, 1e-5, 1e-3
+"""Parts of a period after which the sign of a guard is looked at that is zero but for rounding."""
 
 
 class Position:
@@ -92,8 +96,9 @@ class Position:
                 self._z[self._half + self._chart.speeds[k]] = self._speed[k]
 
     def _afresh(self) -> None:
-        """Take the coordinates with which a run from this state begins, where there are sliders."""
-        for _ in range(_ROUNDS if self._chart.springs else 0):
+        """Take the coordinates with which a run from this state begins, where some are doubled."""
+        carried = self._chart.springs or self._mode.scene.dragged
+        for _ in range(_ROUNDS if carried else 0):
             before = self._z
             self._enter(*self._place())
             if (self._z == before).all():
@@ -195,3 +200,61 @@ class Position:
         if k in self._chart.places:
             return float(self._z[self._half + self._chart.speeds[k]])
         return float(self._mode.gap(k, *self._bodies(), *self._turn)[1])
+
+    # --- what is zero at an event -----------------------------------------------------------------
+
+    def _falls(self, i: int) -> bool:
+        """Whether a guard that is zero but for rounding becomes negative: there is no crossing."""
+        coefficients = self._chart.coefficients(self._z, *self._turn)
+        for part in _AHEAD:
+            time = part * self._period
+            angle = self._oscillator.frequency * time
+            turn = self._turn[0] + angle * self._turn[1], self._turn[1] - angle * self._turn[0]
+            z = horner(coefficients, np.array([time]))[0]
+            state = self._mode.state(*self._chart.motion(z, *turn), *turn)
+            value, band = self._mode.watched(i, state)
+            if abs(value) > band:
+                return value < 0.0
+        return False
+
+    def _presses(self, k: int) -> bool:
+        """Whether a stop that is touched without a rate holds: by the gap's next derivative."""
+        found = self._chart.coefficients(self._z, *self._turn)[self._chart.places[k]]
+        a, pushes, given = self._mode.balance(self._state())
+        x, v = self._bodies()
+        row, bend = self._mode.scene.rows_at(x)[k], self._mode.scene.bends(x, v)[k]
+        size = float(abs(row) @ abs(a) + abs(bend)) + float(abs(given).max(initial=0.0))
+        size += float(abs(pushes).max(initial=0.0))
+        if abs(found[2]) > ROUNDING * size:
+            return bool(found[2] < 0.0)
+        w = self._oscillator.frequency
+        if abs(found[3]) > ROUNDING * size * (1.0 + w):
+            return bool(found[3] < 0.0)
+        return True
+
+    def _slow(self, k: int, change: float, stops: bool) -> None:
+        """Change the slip velocity of friction by an impulse, which may stop it."""
+        kick, place = self._kick(k), self._half + self._chart.speeds[k]
+        if kick is None:
+            self._z[place] += change
+        else:
+            self._z[self._half :] += change * kick
+        self._motion[k] = FLIGHT
+        if stops:
+            self._z[place] = 0.0
+
+    def _appear(self, before: int) -> None:
+        """Stops that are no longer lain at have gaps of zero, at rest."""
+        lain = [
+            self._automaton.parts.lain(self._automaton.regimes[m]) for m in (before, self._number)
+        ]
+        for k, (was, lies) in enumerate(zip(*lain, strict=True)):
+            if was and not lies:
+                self._motion[k], self._speed[k] = BOUNCED, 0.0
+
+    def _slide(self, before: int, *, halts: bool) -> None:
+        """Note which sliders another mode begins to hold, or lets slide; and whether at rest."""
+        regimes = self._automaton.regimes
+        for j in self._automaton.sliders:
+            if regimes[before][j] != regimes[self._number][j]:
+                self._motion[j], self._speed[j] = SWITCHED, 0.0 if halts else math.nan

@@ -11,7 +11,6 @@ import numpy as np
 from dynkit.core.validation import Array
 from dynkit.systems.impact.elements.element import HALT, IMPACT, JAM, JUMP, REST, SWITCH
 from dynkit.systems.impact.modes.constrained import ContactParadox
-from dynkit.systems.impact.modes.taylor_mode import ROUNDING, horner
 from dynkit.systems.impact.simulation.scrape_kernels import tail, taken
 from dynkit.systems.impact.simulation.scraping import Rub
 from dynkit.systems.impact.simulation.state import TWO_PI, ImpactState, Motion, state_of
@@ -33,9 +32,6 @@ if TYPE_CHECKING:
 
 _PERIODS = 1000.0
 """Periods of the forcing without an event after which a run ends, with `Ending.SEARCH_LIMIT`."""
-
-_AHEAD = 1e-7, 1e-5, 1e-3
-"""Parts of a period after which the sign of a guard is looked at that is zero but for rounding."""
 
 _BRIEF = 1e-8, 1e-4
 """Parts of a period at which the first steps of a flight end, as a guard may soon be zero."""
@@ -84,7 +80,7 @@ class TaylorCourse(Position):
         moved = max((stop.amplitude for stop in oscillator._stops), default=0.0)
         slow = max(_SLOW * moved * oscillator.frequency, _LOW * self._tolerance ** (1.0 / 3.0))
         self._slowly = slow if moved else math.inf
-        self._since, self._last_switches = 0.0, 0
+        self._since, self._last_switches, self._latest = 0.0, 0, start.element
         self._switches: list[tuple[float, float, float, int, int, Array]] = []
         self._remaining = self._period
         if self._strobed:
@@ -144,7 +140,9 @@ class TaylorCourse(Position):
         number = self._fly() if self.ending is Ending.COUNT_REACHED else None
         if number is None or number < 0:
             return number
-        if self._automaton.guards[number].watch.event != IMPACT:
+        guard = self._automaton.guards[number]
+        self._latest = guard.element
+        if guard.watch.event != IMPACT:
             self._change(number)
         return number
 
@@ -166,9 +164,11 @@ class TaylorCourse(Position):
             self.ending = Ending.SEARCH_LIMIT
             return None
         self._pass(duration)
+        self._remaining -= duration
+        if index >= 0 and not self._plain and self._goes_back(index, duration):
+            return self._fly()
         if duration > 2.0**-52 * self._time:
             self._motion, self._at_once = [FLIGHT] * len(self._motion), 0
-        self._remaining -= duration
         if index == -1:
             # The duration of a period is rounded, in all periods alike.
             self._z, self._remaining = end, self._period
@@ -177,6 +177,12 @@ class TaylorCourse(Position):
             self._disturb()
             return -1
         return int(self._first + index)
+
+    def _goes_back(self, i: int, duration: float) -> bool:
+        """Whether what has just switched is at zero once more but for rounding."""
+        k, watch = self._mode.guards[i]
+        just = self._motion[k] == SWITCHED and duration < _BRIEF[0] * self._period
+        return just and watch.event == SWITCH and not self._falls(i)
 
     def _early(self, longest: float) -> list[float]:
         """Durations at which the first steps of a flight end, below the longest."""
@@ -219,6 +225,7 @@ class TaylorCourse(Position):
         self._motion[k] = FLIGHT if sticks else moved
         self._speed[k] = 0.0
         self._slide(before, halts=guard.watch.event == SWITCH and bool(guard.watch.rate))
+        self._appear(before)
         self._enter(*place)
         self._keep(gaps)
         if k in self._chart.springs and not self._mode.regimes[k].anchored:
@@ -233,13 +240,6 @@ class TaylorCourse(Position):
         self._again(k)
         self._disturb()
         self._note(number, 0.0, 0.0)
-
-    def _slide(self, before: int, *, halts: bool) -> None:
-        """Note which sliders another mode begins to hold, or lets slide; and whether at rest."""
-        regimes = self._automaton.regimes
-        for j in self._automaton.sliders:
-            if regimes[before][j] != regimes[self._number][j]:
-                self._motion[j], self._speed[j] = SWITCHED, 0.0 if halts else math.nan
 
     def _again(self, element: int) -> None:
         """In another mode, what did not come to rest may do so."""
@@ -302,17 +302,6 @@ class TaylorCourse(Position):
         found: tuple[Rub, ...] = self._automaton.scrapes(guard, *self._where())
         return found
 
-    def _slow(self, k: int, change: float, stops: bool) -> None:
-        """Change the slip velocity of friction by an impulse, which may stop it."""
-        kick, place = self._kick(k), self._half + self._chart.speeds[k]
-        if kick is None:
-            self._z[place] += change
-        else:
-            self._z[self._half :] += change * kick
-        self._motion[k] = FLIGHT
-        if stops:
-            self._z[place] = 0.0
-
     def _tails(self, rubs: Sequence[Rub], series: Array, k: int) -> Any:
         """Changes of slip as contact takes the place of bounces, and their error; None if open."""
         found, error, u = list[tuple[int, float, bool]](), 0.0, self._speed[k]
@@ -374,7 +363,10 @@ class TaylorCourse(Position):
         while self.ending is Ending.COUNT_REACHED:
             number = None if self._plain else self._jumped()
             if number is not None:
-                self._change(number)
+                i = number - self._first
+                value, band = self._mode.watched(i, self._state())
+                soft = self._mode.guards[i][1].gap != 0.0 and value < -band
+                self._change(number, moved=FLIGHT if soft else SWITCHED)
                 continue
             if BOUNCED not in self._motion:
                 return
@@ -387,9 +379,14 @@ class TaylorCourse(Position):
             self._rest(bounced)
 
     def _jumped(self) -> int | None:
-        """A guard that is negative at a start, or just after an event; None if none."""
-        state = self._state()
-        for i, (k, watch) in enumerate(self._mode.guards):
+        """A guard that is negative at a start, or just after an event; None if none.
+
+        What has just come to a halt is looked at first: where it slips on, others may stick that
+        would not if it stuck.
+        """
+        state, guards, count = self._state(), self._mode.guards, len(self._motion)
+        for i in sorted(range(len(guards)), key=lambda i: (guards[i][0] - self._latest) % count):
+            k, watch = guards[i]
             if watch.event not in (SWITCH, JUMP) or self._motion[k] == SWITCHED:
                 continue
             value, band = self._mode.watched(i, state)
@@ -398,20 +395,6 @@ class TaylorCourse(Position):
             if (value < -band and jumps) or falls:  # a slider that halts at a jump still moves
                 return int(self._first + i)
         return None
-
-    def _falls(self, i: int) -> bool:
-        """Whether a guard that is zero but for rounding becomes negative: there is no crossing."""
-        coefficients = self._chart.coefficients(self._z, *self._turn)
-        for part in _AHEAD:
-            time = part * self._period
-            angle = self._oscillator.frequency * time
-            turn = self._turn[0] + angle * self._turn[1], self._turn[1] - angle * self._turn[0]
-            z = horner(coefficients, np.array([time]))[0]
-            state = self._mode.state(*self._chart.motion(z, *turn), *turn)
-            value, band = self._mode.watched(i, state)
-            if abs(value) > band:
-                return value < 0.0
-        return False
 
     def _rest(self, k: int) -> None:
         """Decide whether a stop that has just been hit holds: enter contact if it does."""
@@ -427,21 +410,27 @@ class TaylorCourse(Position):
         if self._automaton.guards[number].element != k:
             return
         rest: float | None = None
-        lost = 0.0
-        if u == 0.0:
-            rest = 0.0 if self._presses(k) else None
+        lost, guard = 0.0, self._automaton.guards[number]
+        loose = False
+        if u == 0.0:  # friction decides only what contact leaves to it
+            loose = any(
+                r and m != SWITCHED for r, m in zip(guard.rubbed, self._motion, strict=True)
+            )
+            rest = 0.0 if loose or self._presses(k) else None
         else:
             series = chart.coefficients(self._z, *self._turn)
             found = series[chart.places[k]]
             a = -2.0 * float(found[2])
             if a > 0.0:
                 self._bounce = 4.0 * u / a
-                rubs = self._scrapes(self._automaton.guards[number])
-                given = self._laws[k], self._tolerance, u, found, rubs
-                rest, lost = chatter(self._mode, chart, k, self._state(), *given)
+                rubs, state = self._scrapes(guard), self._state()
+                turns = self._automaton.turns(guard, *self._where())
+                given = self._laws[k], self._tolerance, u, found, rubs, turns
+                rest, lost = chatter(self._mode, chart, k, state, *given)
                 if rest is not None:
                     slows = self._tails(rubs, series, k)
-                    disturbs = disturbed(self._mode, k, self._state(), u, rest, *given[:2], rubs)
+                    more = u, rest, *given[:2], rubs, guard.rubbed
+                    disturbs = disturbed(self._mode, k, state, *more)
                     rest = None if slows is None or disturbs else rest
         if rest is None:
             return
@@ -456,28 +445,13 @@ class TaylorCourse(Position):
             self._z[self._half + chart.speeds[k]] = 0.0
             if self._noise:
                 self._z += lost * self._random.choice((-1.0, 1.0), size=self._z.shape)
-        self._motion[k], self._speed[k] = SWITCHED, 0.0
+        self._motion[k], self._speed[k] = FLIGHT if loose else SWITCHED, 0.0
         place = self._place()
         self._number = self._automaton.enter(number)
         self._left = k
         self._enter(*place)
         self._again(k)
         self._note(number, rest, u)
-
-    def _presses(self, k: int) -> bool:
-        """Whether a stop that is touched without a rate holds: by the gap's next derivative."""
-        found = self._chart.coefficients(self._z, *self._turn)[self._chart.places[k]]
-        a, pushes, given = self._mode.balance(self._state())
-        x, v = self._bodies()
-        row, bend = self._mode.scene.rows_at(x)[k], self._mode.scene.bends(x, v)[k]
-        size = float(abs(row) @ abs(a) + abs(bend)) + float(abs(given).max(initial=0.0))
-        size += float(abs(pushes).max(initial=0.0))
-        if abs(found[2]) > ROUNDING * size:
-            return bool(found[2] < 0.0)
-        w = self._oscillator.frequency
-        if abs(found[3]) > ROUNDING * size * (1.0 + w):
-            return bool(found[3] < 0.0)
-        return True
 
     # --- the trajectory ---------------------------------------------------------------------------
 

@@ -244,21 +244,22 @@ class Chatter:
         """Those of `_steps`, and parts of them; of impacts with the same slip together."""
         k, since, parts = self.element, self._since, []
         row = m.gap(k).real
-        flown, _ = flights.lifted(since, np.diff(self.run.time, prepend=0.0))
+        lasts = np.diff(self.run.time, prepend=0.0)
+        (flown, _), ends = flights.lifted(since, lasts), flights.ends(since, lasts)
         moved = (flown @ since[:, :, None])[..., 0]
-        rates = self._rates(m, since + moved)
+        rates = self._rates(m, ends @ m.rate(k).real)
         delays = -(row @ flown) / rates[:, None]
         steps = np.empty_like(flown)
         r, slopes, _ = m.rebounds(k, rates)
         jumps = -(1.0 + r) * rates
-        ways = self._ways(m, since + moved, jumps)
+        ways = self._ways(m, ends, jumps)
         for own in set(map(tuple, ways.tolist())):
             i = (ways == own).all(axis=1)
             rubs = tuple(zip(self._rub, own, strict=True))
             kick, stop = m.kick(self.flying, k, rubs).real, m.stopped(self.flying, rubs).real
             landed = self.after[i] - np.outer(jumps[i], kick)
             if 0 in own:  # what the impact took is not in the state after it
-                landed = since[i] + moved[i]
+                landed = ends[i]
             slope = slopes[i]
             if (slope == slope[0]).all():  # one matrix for all impacts
                 slope = slope[:1]
@@ -271,12 +272,11 @@ class Chatter:
             parts.append((rubs, i, landed, back, put, moving))
         return moved, rates, delays, steps, parts
 
-    def _rates(self, m: Machine, before: Array) -> Array:
-        """Rates (n,) of the gap before the impacts, from states (n, D) to fewer digits."""
+    def _rates(self, m: Machine, near: Array) -> Array:
+        """Rates (n,) of the gap before the impacts, from these to fewer digits."""
         law: Any = getattr(m.elements[self.element], "restitution", None)
         if isinstance(law, ImpactLaw):
-            near = -(before @ m.rate(self.element).real)
-            return -law.approach(near, self.run.log.speed)
+            return -law.approach(-near, self.run.log.speed)
         return np.asarray(-self.run.log.speed / float(m.restitution(self.element).real))
 
     def _ways(self, m: Machine, before: Array, jumps: Array) -> NDArray[np.intp]:
@@ -312,28 +312,32 @@ def _varying_steps(
     late in a chatter that difference is far below rounding of rows, it is summed along the flight.
     So are the differences that changes of the numbers make of the gap.
     """
-    k, r = chatter.element, machine.restitution(chatter.element)
-    rates, lasts = -chatter.run.log.speed / float(r.real), np.diff(chatter.run.time, prepend=0.0)
-    since = np.concatenate([chatter.start[None], chatter.after[:-1]])
+    k, since, lasts = chatter.element, chatter._since, np.diff(chatter.run.time, prepend=0.0)
     flown, added = flights.lifted(since, lasts)
+    near = [float(flights.rate_of(k, z)[0].real) for z in flights.ends(since, lasts)]
+    rates = chatter._rates(machine, np.array(near))
+    r, slopes, r_changed = machine.rebounds(k, rates)
     turned, moved = flights.rolled(k, since, lasts)
     n, unit = machine.size, np.eye(since.shape[1])
     gap_changed = machine.gap(k).imag / STEP
     found = []
     for i, rate in enumerate(rates.tolist()):
-        push = (1.0 + r) * flights.kick(k, chatter.after[i])
+        kick = flights.kick(k, chatter.after[i])
+        push, pull = (1.0 + r[i]) * kick, (1.0 + slopes[i]) * kick.real
         before = chatter.after[i] + rate * push.real
         (gap, row), (closing, by_rate) = flights.gap_of(k, before), flights.rate_of(k, before)
         shift, row = np.zeros(len(before)), row.real
         shift[:n] = row[:n] / (row[:n] @ row[:n])
-        hit = unit - np.outer(push.real, by_rate.real)
-        hit -= (1.0 + r.real) * rate * flights.turned(k, before)
+        hit = unit - np.outer(pull, by_rate.real)
+        hit -= (1.0 + r[i]) * rate * flights.turned(k, before)
         put = hit @ (unit - np.outer(shift, row))
         moving = put @ flights.rate(before)
         later = -(row @ flown[i] + turned[i]) / rate
         delay = -(row @ added[i] + flown[i] @ since[i] @ gap_changed + moved[i]) / rate
-        more = put @ added[i] + moving * delay - rate * push.imag / STEP
-        more -= (hit @ shift * gap.imag + push.real * closing.imag) / STEP
+        more = (
+            put @ added[i] + moving * delay - rate * (push.imag / STEP + r_changed[i] * kick.real)
+        )
+        more -= (hit @ shift * gap.imag + pull * closing.imag) / STEP
         found.append((put + put @ flown[i] + np.outer(moving, later), more, later, delay))
     steps, mores, laters, delays = map(np.array, zip(*found, strict=True))
     return steps, mores, laters, delays

@@ -58,6 +58,11 @@ class LinearFlights:
         flown = lifted(self._flow, times)
         return flown.real, (flown.imag / STEP @ states[:, :, None])[..., 0]
 
+    def ends(self, states: Array, times: Array) -> Array:
+        """States (n, D) after flights over some times (n,)."""
+        flown: Array = lifted(self._flow, times).real
+        return states + np.asarray(flown @ states[:, :, None])[..., 0]
+
     def observed(self, element: int, guard: int, z: Any) -> tuple[Any, Any]:
         """What an element watches at a state, guard number `guard` of its regime; derivative (D,).
 
@@ -364,6 +369,12 @@ class TaylorFlights:
             turned = math.sqrt(3.0) / 12.0 * lasts * (b @ a - a @ b)
             (out[i],) = lifted(0.5 * (a + b) + turned, np.array([lasts]))
         return out, added.reshape(states.shape)
+
+    def ends(self, states: Array, times: Array) -> Array:
+        """States (n, D) after flights over some times (n,)."""
+        pairs = zip(states, times.tolist(), strict=True)
+        found = [self.whole(self.path(z, lasts).states(np.array([lasts]))) for z, lasts in pairs]
+        return np.concatenate(found)
 
     def rolled(self, element: int, states: Array, times: Array) -> tuple[Array, Array]:
         """Changes (n, D) of the row of a gap in short flights, and (n,) of what numbers change.

@@ -108,15 +108,6 @@ def has_law(oscillator: ImpactMap) -> bool:
     return any(isinstance(stop.restitution, ImpactLaw) for stop in oscillator._stops)
 
 
-def _check_sticks(oscillator: ImpactMap, law: Any) -> None:
-    """Raise NotImplementedError where contact with a stop is not known."""
-    if oscillator._motion is not None and isinstance(law, ImpactLaw):
-        raise NotImplementedError(
-            "orbits by itinerary must not stick to a stop with an impact law where energies are "
-            f"not quadratic; got {law!r}: dynkit.periodic_orbit finds orbits of the map"
-        )
-
-
 def regimes_of(oscillator: ImpactMap, numbers: Sequence[int]) -> Regimes:
     """A mode of an oscillator: what holds in it, and what is watched."""
     automaton = oscillator._automaton
@@ -172,9 +163,6 @@ def events_seen(
         if begin > until:
             break
         guard = automaton.guards[parts.guard[k]]
-        law: Any = getattr(oscillator._elements[guard.element], "restitution", None)
-        if parts.kind[k] == EventKind.CONTACT:
-            _check_sticks(oscillator, law)
         if parts.kind[k] == EventKind.CONTACT and parts.speed[k] > 0.0:
             if named:
                 _name(machine, guard.element, (times, events, states), run)
@@ -240,8 +228,8 @@ def _outcome(
         )
     if flights.varies:
         raise NoConvergence(
-            "no periodic orbit found: friction with a coefficient needs constant masses; got "
-            f"{machine.elements[stop]!r}"
+            "no periodic orbit found: friction with a coefficient needs constant masses and rows; "
+            f"got {machine.elements[stop]!r}"
         )
     jump = (1.0 + machine.restitution(stop)) * approach
     slips = [(part.element, float(machine.rate(part.element) @ z)) for part in guard.scrapes]
