@@ -16,7 +16,7 @@ from dynkit.orbits.newton import NoSolution
 from dynkit.systems.impact.elements.element import Watch
 from dynkit.systems.impact.modes.taylor_mode import FREQUENCY, Path, TaylorMode
 from dynkit.systems.impact.modes.taylor_scene import Scene
-from dynkit.systems.impact.orbits.machine import Machine, Regimes, Rubs, lifted, moved
+from dynkit.systems.impact.orbits.machine import Machine, Regimes, Rubs, carried, lifted, moved
 from dynkit.systems.impact.variational.taylor_derivative import gradient
 
 if TYPE_CHECKING:
@@ -53,10 +53,13 @@ class LinearFlights:
         first = self.machine.rate(element).real @ self._flow.real
         return states @ first, states @ (first @ self._flow.real)
 
-    def lifted(self, states: Array, times: Array) -> tuple[Array, Array]:
-        """Derivatives (n, D, D) less 1 of short flights, and changes (n, D) by those of numbers."""
-        flown = lifted(self._flow, times)
-        return flown.real, (flown.imag / STEP @ states[:, :, None])[..., 0]
+    def lifted(self, states: Array, times: Array) -> Array:  # noqa: ARG002
+        """Derivatives (n, D, D) less 1 of short flights."""
+        return np.asarray(lifted(self._flow.real, times))
+
+    def carried(self, states: Array, times: Array) -> Array:
+        """Changes (n, D) of states (n, D) after short flights by those of numbers."""
+        return carried(self._flow, states, times)
 
     def observed(self, element: int, guard: int, z: Any) -> tuple[Any, Any]:
         """What an element watches at a state, guard number `guard` of its regime; derivative (D,).
@@ -347,13 +350,12 @@ class TaylorFlights:
         series = np.array(found).reshape(len(states), -1)
         return 2.0 * series[:, 2], 6.0 * series[:, 3]
 
-    def lifted(self, states: Array, times: Array) -> tuple[Array, Array]:
-        """Derivatives (n, D, D) less 1 of short flights, and changes (n, D) by those of numbers.
+    def lifted(self, states: Array, times: Array) -> Array:
+        """Derivatives (n, D, D) less 1 of short flights.
 
         From the begin and the end of short ones by Magnus' series, so that nothing cancels.
         """
         out = np.empty((len(states), *2 * states.shape[1:]))
-        added = np.array([self.changed(*pair) for pair in zip(states, times, strict=True)])
         for i, (z, lasts) in enumerate(zip(states, times.tolist(), strict=True)):
             own = self.tangent(z)
             if abs(own).sum(axis=1).max() * lasts > _SHORT:
@@ -363,7 +365,12 @@ class TaylorFlights:
             a, b = (self.tangent(there) for there in self.whole(self.path(z, lasts).states(places)))
             turned = math.sqrt(3.0) / 12.0 * lasts * (b @ a - a @ b)
             (out[i],) = lifted(0.5 * (a + b) + turned, np.array([lasts]))
-        return out, added.reshape(states.shape)
+        return out
+
+    def carried(self, states: Array, times: Array) -> Array:
+        """Changes (n, D) of states (n, D) after short flights by those of numbers."""
+        found = [self.changed(*pair) for pair in zip(states, times, strict=True)]
+        return np.array(found).reshape(states.shape)
 
     def rolled(self, element: int, states: Array, times: Array) -> tuple[Array, Array]:
         """Changes (n, D) of the row of a gap in short flights, and (n,) of what numbers change.
