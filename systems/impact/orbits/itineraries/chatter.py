@@ -96,7 +96,7 @@ class Chatter:
         self.machine, self.element, self.flying = machine, event.element, event.kicked
         self._rub = [k for k, _ in event.rubs]
         self.start, self.rebounds = state, rebounds
-        self._kept: Any = None
+        self._kept: tuple[Array, Array, Steps, list[Any]] | None = None
         self._followed = event._replace(mode=event.kicked)
         n, rate = machine.size, self._flights.rate_of(self.element, state)[0]
         speed = rebounds * float(rate)
@@ -218,9 +218,8 @@ class Chatter:
 
     def _steps(self, m: Machine, flights: Flights) -> Steps:
         """See `Steps`; what depends on no changes of the numbers is kept."""
-        if self._kept is None:
-            self._kept = self._matrices(m, flights)
-        moved, rates, steps, parts = self._kept
+        moved, rates, steps, parts = self._kept or self._matrices(m, flights)
+        self._kept = moved, rates, steps, parts
         since, lasts = self._since(self.after), np.diff(self.run.time, prepend=0.0)
         more, delay = np.zeros(since.shape), np.zeros(len(since))
         if not m.changes:
@@ -242,12 +241,12 @@ class Chatter:
         return steps._replace(delay=delay, more=more)
 
     def _since(self, after: Array) -> Array:
-        """States (n, D) with which flights begin, from those just after the impacts at their end."""
+        """States (n, D) with which flights begin, from those after the impacts at their ends."""
         return np.concatenate([self.start[None], after])[:-1]
 
-    def _matrices(self, m: Machine, flights: Flights) -> Any:
+    def _matrices(self, m: Machine, flights: Flights) -> tuple[Array, Array, Steps, list[Any]]:
         """Those of `_steps`, and parts of them; of impacts with the same slip together."""
-        k, since, parts = self.element, self._since(self.after), []
+        k, since, parts = self.element, self._since(self.after), list[Any]()
         row = m.gap(k).real
         flown = flights.lifted(since, np.diff(self.run.time, prepend=0.0))
         moved = (flown @ since[:, :, None])[..., 0]
@@ -275,8 +274,8 @@ class Chatter:
             which[i] = sum(len(part[-1]) for part in parts) + np.arange(len(landed)) % len(put)
             parts.append((rubs, i, landed, back, put))
         hits = np.concatenate([part[-1] for part in parts])
-        none = np.zeros(since.shape)
-        return moved, rates, Steps(flown, hits, which, movings, delays, none[:, 0], none), parts
+        none = np.zeros(len(since)), np.zeros(since.shape)
+        return moved, rates, Steps(flown, hits, which, movings, delays, *none), parts
 
     def _rates(self, m: Machine, before: Array) -> Array:
         """Rates (n,) of the gap before the impacts, from states (n, D) to fewer digits."""

@@ -234,12 +234,10 @@ def _outcome(
     """
     stop, mode = guard.element, event.kicked
     law: Any = machine.elements[stop].restitution
-    rubs = mode is not None and stop in machine.normal.values()
-    if not rubs and not isinstance(law, ImpactLaw):
-        return event
-    approach = -float(flights.rate_of(stop, z)[0])
     if isinstance(law, ImpactLaw):
-        return event._replace(piece=law.piece(approach))
+        return event._replace(piece=law.piece(-float(flights.rate_of(stop, z)[0])))
+    if mode is None or stop not in machine.normal.values():
+        return event
     if guard.ambiguous:
         raise NoConvergence(
             "no periodic orbit found: masses leave open what friction does at an impact; got "
@@ -250,7 +248,7 @@ def _outcome(
             "no periodic orbit found: friction with a coefficient needs constant masses; got "
             f"{machine.elements[stop]!r}"
         )
-    jump = (1.0 + machine.restitution(stop)) * approach
+    jump = -(1.0 + machine.restitution(stop)) * float(flights.rate_of(stop, z)[0])
     slips = [(part.element, float(machine.rate(part.element) @ z)) for part in guard.scrapes]
     return event._replace(rubs=tuple((k, way(w, machine.takes(mode, k) * jump)) for k, w in slips))
 

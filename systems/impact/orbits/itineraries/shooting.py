@@ -75,6 +75,8 @@ class ShootingSolution(ItinerarySolution):
         clock = scene.machine.frequency if driven else TWO_PI / lap.turn
         super().__init__(scene.oscillator, scene.measures, course, lap, clock)
         self.dimension = lap.states.shape[1]
+        self._kicks: dict[int, Any] = {}
+        self._put: dict[int, Array] = {}
         self._node_of = dict(zip(course.nodes, range(len(course.nodes)), strict=True))
 
     # --- on the way; with complex numbers of a machine complex ------------------------------------
@@ -142,6 +144,115 @@ class ShootingSolution(ItinerarySolution):
         changes, later = self._carried(i, chatter, state.imag[:, None] / STEP)
         (rate,) = self.flights(self.following[i].mode).rates(chatter.begin[None])
         return chatter.begin + 1j * STEP * (changes[:, 0] - rate * later)
+
+    @cached_property
+    def _modes(self) -> list[Any]:
+        """Flights (n,) after the events."""
+        return [self.flights(event.mode) for event in self.following]
+
+    @property
+    def _closed(self) -> list[int]:
+        """Stops whose gaps, and the rates of these, are put to zero at nodes."""
+        return []
+
+    @cached_property
+    def _way(self) -> tuple[Any, Any, Any, Any, dict[int, Chatter]]:
+        """Whole states (n, D) before and after the events, and before the next ones.
+
+        With `_flown` and `chatters`.
+        """
+        n, d, m = self.events, self.dimension, self.machine
+        unit, kind = np.eye(d + 3), np.result_type(m.frequency)
+        before, after, reached = np.empty((3, n, d + 3), dtype=kind)
+        flown, chatters = np.zeros((n, d + 3, d + 3), dtype=kind), {}
+        state: Any = None
+        for i, event in enumerate(self.itinerary):
+            node = i in self._node_of
+            state = self.lap.states[self._node_of[i]] if node else state
+            before[i, :d], before[i, d:] = state, self._turning[i]
+            pushed = before[i]
+            if event.kicked:
+                flights = self.flights(event.kicked)
+                self._kicks[i] = flights.kick(event.element, before[i], event.rubs)
+                pushed = pushed + self.impulses[self.impulse_of[i]] * self._kicks[i]
+            laid = m.laid(self._closed) if node and self._closed else unit
+            if event.kicked and event.rubs:
+                laid = m.stopped(event.kicked, event.rubs) @ laid
+            after[i], put = self._modes[i].begun(event, laid @ pushed)
+            self._put[i] = put @ laid.real
+            start, lasts = after[i], self.durations[i]
+            if event.chatters:
+                chatters[i] = self._chatter(i, after[i])
+                start = self._begun_on(i, chatters[i], after[i])
+                lasts = lasts - chatters[i].lasts
+            reached[i], flown[i] = self._flight(i, start, lasts)
+            state = reached[i, :d]
+        return before, after, reached, flown, chatters
+
+    @property
+    def kicks(self) -> Any:
+        """Changes (n, D) by unit impulses; zero where there is none."""
+        none = np.zeros(self.dimension + 3)
+        before = self.before
+        return np.array([self._kicks.get(i, none) for i in range(len(before))])
+
+    @cached_property
+    def resets(self) -> Any:
+        """(n, D, D): rates of what begins to hold, or to stick, are lost.
+
+        Where a chatter follows, the gap is put to zero.
+        """
+        before, out = self.before, []
+        for i, event in enumerate(self.itinerary):
+            reset = self._put[i]
+            flights: Any = self.flights(event.kicked) if event.kicked else None
+            if flights and flights.varies:
+                turned = flights.turned(event.element, before[i])
+                reset = reset @ (np.eye(len(reset)) + self.impulses[self.impulse_of[i]] * turned)
+            out.append(reset)
+        return np.array(out)
+
+    @cached_property
+    def moving(self) -> Any:
+        """Rates (n, D) of the states just before the next events."""
+        pairs = zip(self._modes, self.reached, strict=True)
+        return np.array([flights.rates(z[None])[0] for flights, z in pairs])
+
+    @cached_property
+    def _watched(self) -> tuple[Any, Any]:
+        rows = np.zeros_like(self.before)
+        values = rows[:, 0].copy()
+        for i, (event, z) in enumerate(zip(self.itinerary, self.before, strict=True)):
+            if event.element >= 0:
+                values[i], rows[i] = self.watch(event.mode, event.element, event.guard, z)
+        return values, rows
+
+    @property
+    def guards(self) -> Any:
+        """Rows (n, D) of what is zero at the events; zero where a period begins."""
+        return self._watched[1]
+
+    @property
+    def guarded(self) -> Any:
+        """What is zero at the events, (n,)."""
+        return self._watched[0]
+
+    @cached_property
+    def _approach(self) -> tuple[Any, Any]:
+        own = [(self.itinerary[i], self.before[i]) for i in self.hits]
+        found = [self.flights(event.mode).rate_of(event.element, z) for event, z in own]
+        rates = np.array([rate for rate, _ in found])
+        return rates, np.array([row for _, row in found]).reshape(len(own), self.dimension + 3)
+
+    @property
+    def closing(self) -> Any:
+        """Rates (k,) of the gaps that impacts close, just before these."""
+        return self._approach[0]
+
+    @property
+    def rates(self) -> Any:
+        """Derivatives (k, D) of these rates by the states before."""
+        return self._approach[1]
 
     @property
     def before(self) -> Any:
@@ -318,58 +429,19 @@ class ShootingSolution(ItinerarySolution):
 
     @property
     @abstractmethod
-    def _way(self) -> tuple[Any, Any, Any, Any, dict[int, Chatter]]:
-        """Whole states (n, D) before and after the events, and before the next ones.
-
-        With `_flown` and `chatters`.
-        """
-
-    @property
-    @abstractmethod
-    def kicks(self) -> Any:
-        """Changes (n, D) by unit impulses; zero where there is none."""
-
-    @property
-    @abstractmethod
-    def resets(self) -> Any:
-        """(n, D, D): rates of what begins to hold, or to stick, are lost.
-
-        Where a chatter follows, the gap is put to zero.
-        """
-
-    @property
-    @abstractmethod
-    def moving(self) -> Any:
-        """Rates (n, D) of the states just before the next events."""
-
-    @property
-    @abstractmethod
-    def guards(self) -> Any:
-        """Rows (n, D) of what is zero at the events; zero where a period begins."""
-
-    @property
-    @abstractmethod
-    def guarded(self) -> Any:
-        """What is zero at the events, (n,)."""
-
-    @property
-    @abstractmethod
-    def rates(self) -> Any:
-        """Derivatives (k, D) of the rates of the gaps that impacts close, by the states before."""
-
-    @property
-    @abstractmethod
-    def closing(self) -> Any:
-        """These rates (k,) just before the impacts."""
-
-    @property
-    @abstractmethod
     def norms(self) -> Array:
         """Roundings (n,) of flights: times between events, in units of the fastest changes."""
 
     @abstractmethod
     def flights(self, mode: Regimes) -> Flights:
         """The flights in a mode."""
+
+    @abstractmethod
+    def _flight(self, i: int, z: Any, lasts: Any) -> tuple[Any, Any]:
+        """State (D,) at the next event, and derivative (D, D) by the one from which it flies.
+
+        With imaginary changes of both.
+        """
 
     @abstractmethod
     def quotient(self, j: int, row: Any, q: int) -> Any:
@@ -439,26 +511,25 @@ class ShootingSolution(ItinerarySolution):
         """The state (D,) with which the mode after event number `i` begins, after its chatter."""
         return self.chatters[i].begin if i in self.chatters else np.asarray(self.after[i])
 
+    def _late(self, i: int) -> float:
+        """Time from event number `i` to the mode after it, of its chatter."""
+        return self.chatters[i].lasts if i in self.chatters else 0.0
+
     def begins(self, i: int) -> float:
-        late = self.clock * self.chatters[i].lasts if i in self.chatters else 0.0
-        return float(self.event_phases[i] + late)
+        return float(self.event_phases[i] + self.clock * self._late(i))
 
     def watch(self, mode: Regimes, element: int, guard: int, z: Any) -> tuple[Any, Any]:
         """What an element watches there at a state (D,), and its derivative (D,)."""
         return self.flights(mode).observed(element, guard, z)
 
     def size_of(self, i: int, element: int, guard: int) -> float:
-        _, row = self.watch(self.following[i].mode, element, guard, self._start(i))
+        _, row = self.watch(self.following[i].mode, element, guard, self.begun(i))
         return float(abs(row) @ self.measures)
 
     def force_unit(self, i: int, element: int) -> float:
         """What a contact force after event `i` is measured in."""
-        row = self.flights(self.following[i].mode).force_row(element, self._start(i))
+        row = self.flights(self.following[i].mode).force_row(element, self.begun(i))
         return float(abs(row) @ self.measures)
-
-    def _start(self, i: int) -> Array:
-        """The state (D,) from which the flight after event `i` begins, of its chatter contact."""
-        return np.asarray(self.chatters[i].begin if i in self.chatters else self.after[i])
 
     @property
     def bounces(self) -> tuple[Array, Array]:
