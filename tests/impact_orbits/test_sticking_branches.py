@@ -474,7 +474,7 @@ def test_an_invariant_curve_is_as_large_as_the_coefficient_says() -> None:
     expected = -growth / found.coefficient
     releases, places, phase = releases_of(orbit)
     n, units = orbit.system.degrees_of_freedom, np.repeat(problem.sizes, len(places) // 2 + 1)
-    basis, others = solution.held_directions(0), np.append(releases.others, n + releases.others)
+    basis, others = held_directions(solution, 0), np.append(releases.others, n + releases.others)
     away = (units * (basis @ vectors[:, k].real))[others]
     moved = places + 2.0 * np.sqrt(1.2 * expected) * away
     system, start = orbit.system, releases.phase(moved, phase)

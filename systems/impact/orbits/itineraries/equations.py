@@ -13,7 +13,13 @@ from dynkit.orbits.newton import Correction, NoSolution, orbit_bound
 from dynkit.systems.impact.elements.stops import HardStop
 from dynkit.systems.impact.modes.free_motion import free_motion
 from dynkit.systems.impact.orbits.borders import Border
-from dynkit.systems.impact.orbits.itineraries import divided, responses, shooting
+from dynkit.systems.impact.orbits.itineraries import (
+    crossings,
+    divided,
+    monodromy,
+    responses,
+    shooting,
+)
 from dynkit.systems.impact.orbits.itineraries.borders import Begun, beginnings, borders_of, named
 from dynkit.systems.impact.orbits.itineraries.correcting import TableCorrector, corrector_of
 from dynkit.systems.impact.orbits.itineraries.errors import error_of
@@ -25,7 +31,6 @@ from dynkit.systems.impact.orbits.itineraries.itinerary import (
     returns_of,
 )
 from dynkit.systems.impact.orbits.itineraries.linear import LinearSolution
-from dynkit.systems.impact.orbits.itineraries.monodromy import factors, multipliers
 from dynkit.systems.impact.orbits.itineraries.motion import ItinerarySolution, Lap
 from dynkit.systems.impact.orbits.itineraries.openness import flights_are_open
 from dynkit.systems.impact.orbits.itineraries.responses import ResponseSolution, Windows, windows_of
@@ -312,12 +317,13 @@ class ItineraryEquations(ImpactProblem):
 
     def multipliers(self, x: Array, p: Array) -> Any:
         s = self.at(x, p)
-        return multipliers(s) if isinstance(s, ResponseSolution) else s.multipliers
+        of = monodromy.multipliers if isinstance(s, ResponseSolution) else crossings.multipliers
+        return of(s)
 
     def factors(self, x: Array, p: Array) -> tuple[Array, Array] | None:
         s = self.at(x, p)
         if isinstance(s, ResponseSolution):
-            return factors(s)
+            return monodromy.factors(s)
         grazes = self.sticks and not s.impulses.all()
         return None if grazes or not s.factors[0].size else s.factors
 
@@ -342,7 +348,7 @@ class ItineraryEquations(ImpactProblem):
         # From states in contact, at the phase of the first release, to those of a period later.
         # Where it releases earlier or later the map is the same to first order.
         s, at, n = self.at(x, p), float(x[0]), len(x)
-        basis, unit = s.held_directions(0), self._measures[: self.dimension]
+        basis, unit = crossings.held_directions(s, 0), self._measures[: self.dimension]
         first = n - self.layout.states
         own, last = np.arange(first, first + self.dimension), np.arange(n - self.dimension, n)
         others, rest = np.setdiff1d(np.arange(n), own), np.setdiff1d(np.arange(n), last)

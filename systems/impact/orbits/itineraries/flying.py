@@ -16,7 +16,8 @@ from dynkit.orbits.newton import NoSolution
 from dynkit.systems.impact.elements.element import Watch
 from dynkit.systems.impact.modes.taylor_mode import FREQUENCY, Path, TaylorMode
 from dynkit.systems.impact.modes.taylor_scene import Scene
-from dynkit.systems.impact.orbits.machine import Machine, Regimes, Rubs, carried, lifted, moved
+from dynkit.systems.impact.orbits.exponentials import carried, lifted, moved
+from dynkit.systems.impact.orbits.machine import Machine, Regimes, Rubs
 from dynkit.systems.impact.variational.taylor_derivative import gradient
 
 if TYPE_CHECKING:
@@ -39,9 +40,9 @@ class LinearFlights:
         self.machine, self.mode, self._measures = machine, mode, measures
         self._flow = machine.flow(mode)
 
-    def passed(self, z: Array, lasts: float) -> tuple[Array, Array]:
+    def passed(self, z: Any, lasts: Any) -> tuple[Any, Any]:
         """The state (D,) after a flight from one, and its derivative (D, D) by that."""
-        (flown,) = moved(self._flow.real[None], np.array([lasts]), self._measures)
+        (flown,) = moved(self._flow[None], np.array([lasts]), self._measures)
         return flown @ z, flown
 
     def rates(self, states: Array) -> Array:

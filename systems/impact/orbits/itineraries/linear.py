@@ -9,17 +9,11 @@ import numpy as np
 
 from dynkit.core.differences import STEP
 from dynkit.core.validation import Array
+from dynkit.systems.impact.orbits.exponentials import exponentials, moved, run_through
 from dynkit.systems.impact.orbits.flights import Curve
 from dynkit.systems.impact.orbits.itineraries.flying import LinearFlights
 from dynkit.systems.impact.orbits.itineraries.shooting import ShootingSolution
-from dynkit.systems.impact.orbits.machine import (
-    Machine,
-    Numbers,
-    Regimes,
-    exponentials,
-    moved,
-    run_through,
-)
+from dynkit.systems.impact.orbits.machine import Machine, Numbers, Regimes
 
 _ROUNDING = 2.0**-52
 
@@ -41,10 +35,6 @@ class LinearSolution(ShootingSolution):
 
     def flights(self, mode: Regimes) -> LinearFlights:
         return LinearFlights(self.machine, mode, self.measures)
-
-    def _flight(self, i: int, z: Any, lasts: Any) -> tuple[Any, Any]:
-        (flown,) = moved(self.flows[i : i + 1], np.array([lasts]), self.measures)
-        return flown @ z, flown
 
     def acceleration(self, i: int) -> tuple[float, float]:
         k = self.hits[i]
@@ -134,8 +124,3 @@ class LinearSolution(ShootingSolution):
         flows = np.broadcast_to(self.flows[i], (len(durations), *self.flows[i].shape))
         z = moved(flows, np.maximum(durations - self._late(i), 0.0), self.measures)
         return np.asarray((z @ self.begun(i))[:, : self.dimension])
-
-    def flown(self, i: int, phase: float) -> Array:
-        late = np.array([(phase - self.event_phases[i]) / self.clock])
-        z = moved(self.flows[i : i + 1], late, self.measures)[0] @ self.after[i]
-        return np.asarray(z[:-3])

@@ -8,14 +8,13 @@ from functools import cached_property
 from typing import Any, NamedTuple
 
 import numpy as np
-from scipy.linalg import null_space
 
 from dynkit.core.differences import STEP
 from dynkit.core.validation import Array
-from dynkit.orbits.multipliers import product_eigenvalues
 from dynkit.orbits.newton import NoSolution
 from dynkit.systems.impact.orbits.itineraries import divided
 from dynkit.systems.impact.orbits.itineraries.chatter import Chatter
+from dynkit.systems.impact.orbits.itineraries.crossings import factors_of
 from dynkit.systems.impact.orbits.itineraries.flying import Flights
 from dynkit.systems.impact.orbits.itineraries.itinerary import Course
 from dynkit.systems.impact.orbits.itineraries.motion import ItinerarySolution, Lap
@@ -27,10 +26,6 @@ from dynkit.systems.impact.simulation.state import TWO_PI
 _ROUNDING = 2.0**-52
 _OF_ROWS = 8.0
 """Roundings of each term of an equation: rows, kicks and sines are rounded."""
-_GRAZES = 256.0 * _ROUNDING
-"""Rate of a guard in units of a turn's: with less it is only grazed."""
-_PARTING = 1e-5
-"""Step of central differences in turns of the phase: it balances rounding and curvature."""
 
 
 class Scene(NamedTuple):
@@ -274,7 +269,7 @@ class ShootingSolution(ItinerarySolution):
         return np.array([self._stilled(i, z[None])[0] for i, z in enumerate(self.after)])
 
     @cached_property
-    def _rebounds(self) -> Any:
+    def rebounds(self) -> Any:
         """Restitutions, and slopes of rebound velocities over those of the approach: (2, k)."""
         approach = self.closing
         pieces = [self.itinerary[i].piece for i in self.hits]
@@ -284,7 +279,7 @@ class ShootingSolution(ItinerarySolution):
 
     @property
     def restitutions(self) -> Any:
-        return self._rebounds[0]
+        return self.rebounds[0]
 
     # --- equations --------------------------------------------------------------------------------
 
@@ -326,7 +321,7 @@ class ShootingSolution(ItinerarySolution):
             after = self.resets[i] @ change
             if i in self.impulse_of:
                 j = self.impulse_of[i]
-                out[n + j] += (1.0 + self._rebounds[1, j]) * (self.rates[j] @ change)
+                out[n + j] += (1.0 + self.rebounds[1, j]) * (self.rates[j] @ change)
                 out[n + j, n + j] += 1.0
                 after[:, n + j] += self.resets[i] @ self.kicks[i]
             changes.append(after)
@@ -422,7 +417,7 @@ class ShootingSolution(ItinerarySolution):
                 rows[j] = self.guards[j, :d]
             if j in self.impulse_of:
                 k = self.impulse_of[j]
-                rows[n + k] = (1.0 + self._rebounds[1, k]) * self.rates[k, :d]
+                rows[n + k] = (1.0 + self.rebounds[1, k]) * self.rates[k, :d]
         return out
 
     # --- flights ----------------------------------------------------------------------------------
@@ -436,12 +431,13 @@ class ShootingSolution(ItinerarySolution):
     def flights(self, mode: Regimes) -> Flights:
         """The flights in a mode."""
 
-    @abstractmethod
     def _flight(self, i: int, z: Any, lasts: Any) -> tuple[Any, Any]:
         """State (D,) at the next event, and derivative (D, D) by the one from which it flies.
 
         With imaginary changes of both.
         """
+        flown: tuple[Any, Any] = self._modes[i].passed(z, lasts)
+        return flown
 
     @abstractmethod
     def quotient(self, j: int, row: Any, q: int) -> Any:
@@ -470,9 +466,10 @@ class ShootingSolution(ItinerarySolution):
     def _passed(self, i: int, durations: Array) -> Array:
         """States (k, 2N) at durations (k,) after event `i`, after its chatter those in contact."""
 
-    @abstractmethod
     def flown(self, i: int, phase: float) -> Array:
         """The state (2N + J,) at a phase after event `i`."""
+        late = np.array([(phase - self.event_phases[i]) / self.clock])
+        return np.asarray(self._passed(i, late)[0])
 
     # --- the motion -------------------------------------------------------------------------------
 
@@ -547,95 +544,10 @@ class ShootingSolution(ItinerarySolution):
 
     # --- the orbit --------------------------------------------------------------------------------
 
-    @property
-    def multipliers(self) -> Any:
-        """Floquet multipliers (2N + J,), the largest first; some of what sticks are zero."""
-        factors, _ = self.factors
-        found = np.zeros(self.dimension - (not self.driven), dtype=complex)
-        if self.course.sticks and not self.impulses.all():
-            # an impact that only grazes stretches without bound
-            found[0] = np.inf
-            return found
-        own = product_eigenvalues(factors)[: len(found)] if factors.size else found[:0]
-        found[: len(own)] = own
-        return found
-
     @cached_property
     def factors(self) -> tuple[Array, Array]:
-        """From just before each event, at its phase, to just before the next one.
-
-        Of what nothing drives from the guard of the first event to itself, along the motion. Of
-        what sticks from each node to the next one, of motions in contact.
-        """
-        d, found, least = self.dimension, [], _GRAZES * float(self.frequency)
-        for i in range(self.events):
-            moving = self.moving[i - 1]
-            passed = self.resets[i].copy()
-            if i in self.impulse_of:
-                j = self.impulse_of[i]
-                own = np.outer(self.kicks[i], self.rates[j]) * (1.0 + self._rebounds[1, j])
-                passed = self.resets[i] @ (np.eye(len(own)) - own)
-            row = self.guards[i] if self.driven or i else 0.0 * self.guards[i]
-            rate = float(row @ moving)
-            if i in self.impulse_of or abs(rate) > least * float(abs(row) @ self.measures):
-                later = row / rate if rate else row
-                passed = self.transitions[i] @ (passed - np.outer(passed @ moving, later))
-                passed += np.outer(self.moving[i], later)
-            else:
-                passed = self.transitions[i] @ (passed + np.outer(self._parting(i), row))
-            found.append(passed[:d, :d])
-        if not self.driven:
-            moving = self.moving[-1, :d]
-            row = self.guards[0][:d]
-            found[-1] -= np.outer(moving / (row @ moving), row @ found[-1])
-        factors = np.array(found)
-        m = self.measures[:d]
-        factors = factors * m / m[:, None]
-        if self.course.sticks:
-            factors = self._in_contact(factors)
-        grown = 16.0 + self.norms
-        if self.course.sticks:
-            grown = grown.sum() + np.zeros(len(factors))
-        return factors, _ROUNDING * grown * abs(factors).max(axis=(1, 2), initial=0.0)
-
-    def _parting(self, i: int) -> Array:
-        """Limit (D,) of what changes of the state's rates at event `i`, over the guard's rate.
-
-        Where a guard is only grazed, both are zero: it is the ratio of their derivatives in time.
-        """
-        moving, step = self.moving[i - 1], _PARTING / self.clock
-        ends = self.reached[i - 1] + step * moving, self.reached[i - 1] - step * moving
-        ahead, behind = (
-            (self.flights(self.following[i - 1].mode).rates(z[None])[0], self.resets[i] @ z)
-            for z in ends
-        )
-        slope = ahead[0] - behind[0]
-        there = self.flights(self.following[i].mode)
-        changed = there.rates(ahead[1][None])[0] - there.rates(behind[1][None])[0]
-        bend = float(self.guards[i] @ slope)
-        return np.asarray((changed - self.resets[i] @ slope) / bend if bend else 0.0 * slope)
-
-    def held_directions(self, node: int) -> Array:
-        """Scaled changes (2N, d), orthonormal, that leave what is held before a node in contact."""
-        i, m = self.course.nodes[node], self.measures[: self.dimension]
-        mode, z = self.itinerary[i].mode, self.before[i]
-        stops, own = [k for k in mode.held if k < len(self.oscillator._stops)], self.flights(mode)
-        rows = [of(k, z)[1][: self.dimension] for k in stops for of in (own.gap_of, own.rate_of)]
-        return np.asarray(null_space(np.array(rows).reshape(len(rows), len(m)) * m))
-
-    def _in_contact(self, factors: Array) -> Array:
-        """Matrices from each node to the next one, of changes that leave what is held closed."""
-        count, found = len(self.course.nodes), []
-        bases = [self.held_directions(node) for node in range(count)]
-        if len({basis.shape for basis in bases}) > 1:
-            return factors
-        ends = [*self.course.nodes[1:], self.events]
-        for k, (begin, end) in enumerate(zip(self.course.nodes, ends, strict=True)):
-            moved = bases[k]
-            for factor in factors[begin:end]:
-                moved = factor @ moved
-            found.append(bases[(k + 1) % count].T @ moved)
-        return np.array(found)
+        """See `factors_of`."""
+        return factors_of(self)
 
     @property
     def admissible(self) -> bool:

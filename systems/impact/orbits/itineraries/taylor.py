@@ -75,7 +75,7 @@ class TaylorSolution(ShootingSolution):
         if self.course.sticks and not self.durations[i].real > 0.0:
             raise NoSolution("events must come one after the other")
         if still is None:
-            return flights.passed(z, lasts)
+            return super()._flight(i, z, lasts)
         flown = still._flown[i]
         out = flown @ z.imag / STEP + still.moving[i] * lasts.imag / STEP
         out += flights.changed(z.real, float(lasts.real))
@@ -205,10 +205,6 @@ class TaylorSolution(ShootingSolution):
         path, late = self._path(i)
         states = self._modes[i].whole(path.states(np.maximum(durations - late, 0.0)))
         return np.asarray(states[:, :-3])
-
-    def flown(self, i: int, phase: float) -> Array:
-        late = np.array([(phase - self.event_phases[i]) / self.clock])
-        return np.asarray(self._passed(i, late)[0])
 
 
 _PLACES = np.cos(np.pi * (np.arange(_POINTS) + 0.5) / _POINTS)
