@@ -18,6 +18,7 @@ from dynkit.continuation.bifurcations import Bifurcation
 from dynkit.continuation.branch import Branch
 from dynkit.core.validation import Array
 from dynkit.orbits.newton import solve
+from dynkit.systems.impact.orbits.itineraries.crossings import held_directions
 from dynkit.systems.impact.orbits.orbit import ImpactOrbit
 from dynkit.systems.impact.oscillators.chain import ImpactChain
 from dynkit.systems.impact.simulation.state import TWO_PI
