@@ -3,38 +3,37 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
 from typing import Any
 
 import numpy as np
+from scipy.linalg import expm
 
 from dynkit.core.differences import STEP
 from dynkit.core.validation import Array
 from dynkit.orbits.newton import NoSolution
 
-_TERMS, _LONGEST = 18, 2.0**50
-"""Of a series of exp(A) where A is of norm one: the next one is below 1e-17; largest norms."""
+_TERMS = 18
+"""Of a series of exp(A) where A is of norm one: the next one is below 1e-17."""
 _POWERS = np.arange(1, _TERMS + 1)
 _FACTORIALS = np.array([math.factorial(k) for k in _POWERS.tolist()], dtype=float)
 
-_BRIEF = 4.0
-"""Norm of A t up to which a series loses few digits."""
-
-_BLOCK = 5
-_WEIGHTS = np.array([1.0 / math.factorial(k) for k in range(4 * _BLOCK)]).reshape(4, _BLOCK)
+_BRIEF, _LONGEST = 4.0, 2.0**50
+"""Norm of A t up to which a series loses few digits; largest norms."""
 
 
-def lifted(flow: Any, times: Array) -> Any:
+def lifted(flow: Array, times: Array) -> Array:
     """exp(A t) - 1, (k, d, d), of one matrix at short times (k,), whose powers are shared."""
-    halvings = _halvings(_norm(flow) * times)
-    powers = np.empty((_TERMS, *flow.shape), dtype=flow.dtype)
+    halvings = np.ceil(np.log2(np.maximum(_norm(flow) * times, 1.0))).astype(int)
+    powers = np.empty((_TERMS, *flow.shape))
     powers[0] = flow
     for k in range(1, _TERMS):
         np.matmul(flow, powers[k - 1], out=powers[k])
     weights = (times * 0.5**halvings)[:, None] ** _POWERS / _FACTORIALS
-    both = powers.reshape(_TERMS, -1).view(float)
-    out: Any = (weights @ both).view(flow.dtype).reshape(len(times), *flow.shape)
-    return _doubled(out, halvings, lambda part: 2.0 * part + part @ part)
+    out = (weights @ powers.reshape(_TERMS, -1)).reshape(len(times), *flow.shape)
+    for k in range(int(halvings.max(initial=0))):
+        some = np.flatnonzero(halvings > k)
+        out[some] = 2.0 * out[some] + out[some] @ out[some]
+    return np.asarray(out)
 
 
 def carried(flow: Any, states: Array, times: Array) -> Array:
@@ -61,48 +60,12 @@ def carried(flow: Any, states: Array, times: Array) -> Array:
 
 
 def exponentials(matrices: Any) -> Any:
-    """exp(A), (k, d, d), of small matrices, real or with imaginary changes, by scaled series.
-
-    A library's function takes ten times as long for those of a few rows. Infinite where they
-    overflow. The polynomial is summed in four blocks of five powers.
-
-    References
-    ----------
-    M. S. Paterson, L. J. Stockmeyer, On the number of nonscalar multiplications necessary to
-    evaluate polynomials, SIAM Journal on Computing 2 (1973) 60-66.
-    """
+    """exp(A), (k, d, d), real or with imaginary changes; infinite where they overflow."""
     norms = abs(matrices).sum(axis=1).max(axis=1)
     if not (norms < _LONGEST).all():
         raise NoSolution("the time between two events is too long for the fastest mode")
-    halvings = _halvings(norms)
-    powers = np.empty((_BLOCK + 1, *matrices.shape), dtype=matrices.dtype)
-    powers[0] = np.eye(matrices.shape[1])
-    np.multiply(matrices, (0.5**halvings)[:, None, None], out=powers[1])
-    for k in range(1, _BLOCK):
-        np.matmul(powers[k], powers[1], out=powers[k + 1])
-    both = powers[:_BLOCK].reshape(_BLOCK, -1).view(float)
-    *sums, out = (_WEIGHTS @ both).view(matrices.dtype).reshape(len(_WEIGHTS), *matrices.shape)
-    out += powers[_BLOCK] / math.factorial(_WEIGHTS.size)
-    for part in reversed(sums):
-        out = out @ powers[_BLOCK] + part
-    with np.errstate(over="ignore", invalid="ignore"):
-        return _doubled(out, halvings, lambda part: part @ part)
-
-
-def _halvings(sizes: Array) -> Any:
-    """How often each of some sizes, (k,), is halved until it is one at most."""
-    return np.ceil(np.log2(np.maximum(sizes, 1.0))).astype(int)
-
-
-def _doubled(out: Any, halvings: Any, double: Callable[[Any], Any]) -> Any:
-    """Functions (k, d, d) of halved arguments, doubled as often as each was halved."""
-    for k in range(int(halvings.max(initial=0))):
-        some = np.flatnonzero(halvings > k)
-        if len(some) == len(out):
-            out = double(out)
-        else:
-            out[some] = double(out[some])
-    return out
+    with np.errstate(all="ignore"):
+        return expm(matrices)
 
 
 def _norm(flow: Any) -> float:

@@ -56,7 +56,7 @@ class LinearFlights:
 
     def lifted(self, states: Array, times: Array) -> Array:  # noqa: ARG002
         """Derivatives (n, D, D) less 1 of short flights."""
-        return np.asarray(lifted(self._flow.real, times))
+        return lifted(self._flow.real, times)
 
     def carried(self, states: Array, times: Array) -> Array:
         """Changes (n, D) of states (n, D) after short flights by those of numbers."""
