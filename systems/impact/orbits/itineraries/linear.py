@@ -33,6 +33,18 @@ class LinearSolution(ShootingSolution):
         """A, (n, D, D), of the modes that follow the events, and chatters."""
         return np.array([self.machine.flow(event.mode) for event in self.following])
 
+    @cached_property
+    def _ahead(self) -> Any:
+        """exp(A t), (n, D, D), of the flights that follow no chatter."""
+        lasts = np.array(self.durations)
+        lasts[[event.chatters for event in self.itinerary]] = 0.0
+        return moved(self.flows, lasts, self.measures)
+
+    def _flight(self, i: int, z: Any, lasts: Any) -> tuple[Any, Any]:
+        if self.itinerary[i].chatters:
+            return super()._flight(i, z, lasts)
+        return self._ahead[i] @ z, self._ahead[i]
+
     def flights(self, mode: Regimes) -> LinearFlights:
         return LinearFlights(self.machine, mode, self.measures)
 
