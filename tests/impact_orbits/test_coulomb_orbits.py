@@ -252,7 +252,9 @@ def test_contact_that_begins_with_stick_turns_into_one_that_slips_first() -> Non
     same = beyond.bifurcations
     for own in same:
         assert abs(own.value - found.value) <= own.error + found.error < 1e-10
-    assert (beyond.admissible == (beyond.parameter < found.value)).all()
+    off = abs(beyond.parameter - found.value) > found.error  # on the border rounding decides
+    assert off.sum() >= len(beyond) - 1
+    assert (beyond.admissible == (beyond.parameter < found.value))[off].all()
     back = [orbit for own in same for orbit in own.switch()]
     assert any(len(o._problem.itinerary) == len(orbit._problem.itinerary) for o in back)
 

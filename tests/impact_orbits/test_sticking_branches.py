@@ -18,6 +18,7 @@ from dynkit.continuation.bifurcations import Bifurcation
 from dynkit.continuation.branch import Branch
 from dynkit.core.validation import Array
 from dynkit.orbits.newton import solve
+from dynkit.systems.impact.orbits.itineraries.crossings import held_directions
 from dynkit.systems.impact.orbits.orbit import ImpactOrbit
 from dynkit.systems.impact.oscillators.chain import ImpactChain
 from dynkit.systems.impact.simulation.state import TWO_PI
@@ -474,7 +475,7 @@ def test_an_invariant_curve_is_as_large_as_the_coefficient_says() -> None:
     expected = -growth / found.coefficient
     releases, places, phase = releases_of(orbit)
     n, units = orbit.system.degrees_of_freedom, np.repeat(problem.sizes, len(places) // 2 + 1)
-    basis, others = solution.held_directions(0), np.append(releases.others, n + releases.others)
+    basis, others = held_directions(solution, 0), np.append(releases.others, n + releases.others)
     away = (units * (basis @ vectors[:, k].real))[others]
     moved = places + 2.0 * np.sqrt(1.2 * expected) * away
     system, start = orbit.system, releases.phase(moved, phase)

@@ -43,9 +43,13 @@ class Border(Condition):
     def value(self, solution: Any) -> float:
         """What is watched: positive on the admissible side; see `Event`."""
 
-    @abstractmethod
-    def left(self, solution: Any, own: Array) -> Any:
+    def left(self, solution: Any, own: Array) -> Any:  # noqa: ARG002
         """What is left of the equations, (e + 1,), at own unknowns (e,)."""
+        return [self.value(solution) / self.size(solution)]
+
+    def size(self, solution: Any) -> float:  # noqa: ARG002
+        """What the number is measured in."""
+        return 1.0
 
     @final
     def residual(self, x: Array, own: Array, p: Array) -> Array:
@@ -64,17 +68,22 @@ class Border(Condition):
         return None
 
 
-@final
-class VanishingImpulse(Border):
-    """An impulse is zero."""
+class OfImpact(Border):
+    """A velocity at an impact. Beyond, the same orbit is no motion."""
 
     kind, ends = BifurcationKind.GR, False
 
+    @final
+    def size(self, solution: Any) -> float:
+        return float(self.problem.units(solution)[1])
+
+
+@final
+class VanishingImpulse(OfImpact):
+    """An impulse is zero."""
+
     def value(self, solution: Any) -> float:
         return float(solution.impulses[self.number])
-
-    def left(self, solution: Any, own: Array) -> Any:  # noqa: ARG002
-        return [self.value(solution) / self.problem.units(solution)[1]]
 
     def neighbour(self, x: Array, p: Array) -> tuple[Problem, Array] | None:
         found: tuple[Problem, Array] | None = self.problem.without_impact(x, p, self.number)

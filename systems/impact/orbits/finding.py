@@ -12,7 +12,7 @@ import numpy as np
 from dynkit.core.cost import Cost
 from dynkit.core.validation import Array, finite_array, positive_integer
 from dynkit.orbits.newton import FixedParameters, NoConvergence, correct, solve
-from dynkit.systems.impact.orbits.itineraries.equations import LEAST
+from dynkit.systems.impact.orbits.itineraries.equations import APART, LEAST, ItineraryEquations
 from dynkit.systems.impact.orbits.itineraries.guesses import (
     ascend,
     make_problem,
@@ -23,7 +23,6 @@ from dynkit.systems.impact.orbits.itineraries.guesses import (
 )
 from dynkit.systems.impact.orbits.itineraries.sticking import sticking_guess, sticking_guesses
 from dynkit.systems.impact.orbits.orbit import NONE, ImpactOrbit
-from dynkit.systems.impact.orbits.problem import APART, ImpactProblem, has_table_alone
 from dynkit.systems.impact.simulation.state import ImpactState
 
 if TYPE_CHECKING:
@@ -46,7 +45,7 @@ def find_orbits(
         When nothing drives the oscillator.
     """
     m, began = positive_integer("periods", periods), time.perf_counter()
-    guesses: Iterator[tuple[ImpactProblem, Array]]
+    guesses: Iterator[tuple[ItineraryEquations, Array]]
     if sticking:
         guesses = sticking_guesses(oscillator, m)
     else:
@@ -65,10 +64,10 @@ class Found:
     """Orbits that Newton's method found, each once."""
 
     def __init__(self) -> None:
-        self._solutions: list[tuple[ImpactProblem, Array, tuple[float, ...]]] = []
+        self._solutions: list[tuple[ItineraryEquations, Array, tuple[float, ...]]] = []
         self._marks: dict[tuple[int, int], list[Array]] = {}
 
-    def add(self, problem: ImpactProblem, guess: Array) -> None:
+    def add(self, problem: ItineraryEquations, guess: Array) -> None:
         """Take the orbit that Newton's method finds from a guess, (m,), if it is new."""
         result = correct(FixedParameters(problem, NONE), guess, problem.scale(guess), steps=30)
         if not result.converged:
@@ -83,7 +82,7 @@ class Found:
             marks.append(mark)
             self._solutions.append((problem, x, result.history))
 
-    def holds(self, problem: ImpactProblem, x: Array, within: float) -> bool:
+    def holds(self, problem: ItineraryEquations, x: Array, within: float) -> bool:
         """Whether unknowns, (m,), are so near those of an orbit, run through once or more."""
         mark, n, m = problem.canonical(x), problem.parts, problem.periods
         return any(
@@ -105,11 +104,24 @@ def _order(orbit: ImpactOrbit) -> tuple[bool, float]:
     return not orbit.admissible, float(last)
 
 
-def _solved(problem: ImpactProblem, guess: Array, began: float) -> ImpactOrbit:
+def _solved(problem: ItineraryEquations, guess: Array, began: float) -> ImpactOrbit:
     """The orbit that Newton's method finds from a guess, (m,)."""
     x, history = solve(problem, guess, NONE)
     cost = Cost(time.perf_counter() - began, {"steps": len(history) - 1})
     return ImpactOrbit(*problem.in_turn(x), history, cost)
+
+
+def _has_table_alone(oscillator: ImpactMap) -> None:
+    """Raise NotImplementedError where other elements than a table act, or energies are smooth."""
+    if oscillator._table_alone:
+        return
+    other = oscillator._own or oscillator.elements
+    got = repr(other[0]) if other else f"engine {oscillator.engine}"
+    raise NotImplementedError(
+        "orbits from phases are those of quadratic energies and a table of one coordinate, alone; "
+        f"got {got}: find_orbits() searches, and periodic_orbit(start=...) and "
+        "attractor.periodic_orbit() find those near a motion"
+    )
 
 
 def orbit_at(
@@ -128,7 +140,7 @@ def orbit_at(
         sides not 0 or 1.
     NoConvergence
     """
-    has_table_alone(oscillator)
+    _has_table_alone(oscillator)
     m = positive_integer("periods", periods)
     given = finite_array("phases", phases, (None,))
     if impacts is not None and positive_integer("impacts", impacts) != len(given):

@@ -14,7 +14,6 @@ function, Numerical Algorithms 53 (2010) 133-148.
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import replace
@@ -563,79 +562,3 @@ class Machine:
         row[-3], row[-2] = amplitude * np.cos(phase), -amplitude * np.sin(phase)
         row[-1] = offset
         return row
-
-
-def lifted(flow: Any, times: Array) -> Any:
-    """exp(A t) - 1, (k, d, d), of one matrix at short times (k,), whose powers are shared."""
-    halvings = np.ceil(np.log2(np.maximum(_norm(flow) * times, 1.0))).astype(int)
-    powers = [flow]
-    for k in range(2, _TERMS + 1):
-        powers.append(flow @ powers[-1] / k)
-    weights = (times * 0.5**halvings)[:, None] ** np.arange(1, _TERMS + 1)
-    both = np.array(powers).reshape(len(powers), -1).view(float)
-    out: Any = (weights @ both).view(flow.dtype).reshape(len(times), *flow.shape)
-    for k in range(int(halvings.max())):
-        some = halvings > k
-        out[some] = 2.0 * out[some] + out[some] @ out[some]
-    return out
-
-
-def exponentials(matrices: Any) -> Any:
-    """exp(A), (k, d, d), of small matrices, real or with imaginary changes, by scaled series.
-
-    A library's function takes ten times as long for those of a few rows. Infinite where they
-    overflow. The polynomial is summed in four blocks of five powers.
-
-    References
-    ----------
-    M. S. Paterson, L. J. Stockmeyer, On the number of nonscalar multiplications necessary to
-    evaluate polynomials, SIAM Journal on Computing 2 (1973) 60-66.
-    """
-    norms = abs(matrices).sum(axis=1).max(axis=1)
-    if not (norms < _LONGEST).all():
-        raise NoSolution("the time between two events is too long for the fastest mode")
-    halvings = np.ceil(np.log2(np.maximum(norms, 1.0))).astype(int)
-    scaled = matrices * (0.5**halvings)[:, None, None]
-    powers = [np.broadcast_to(np.eye(matrices.shape[1]), matrices.shape), scaled]
-    for _ in range(_BLOCK - 1):
-        powers.append(powers[-1] @ scaled)
-    *lower, block = powers
-    *sums, out = np.tensordot(_WEIGHTS, np.array(lower), axes=1)
-    out += block / math.factorial(_WEIGHTS.size)
-    for part in reversed(sums):
-        out = out @ block + part
-    with np.errstate(over="ignore", invalid="ignore"):
-        for k in range(int(halvings.max(initial=0))):
-            some = halvings > k
-            out[some] = out[some] @ out[some]
-    return out
-
-
-_TERMS, _LONGEST = 18, 2.0**50
-"""Of a series of exp(A) where A is of norm one: the next one is below 1e-17; largest norms."""
-
-_BLOCK = 5
-_WEIGHTS = np.array([1.0 / math.factorial(k) for k in range(4 * _BLOCK)]).reshape(4, _BLOCK)
-
-
-def _norm(flow: Any) -> float:
-    return float(abs(flow).sum(axis=0).max())
-
-
-def run_through(flow: Array, start: Array, times: Array, measures: Array) -> Array:
-    """States (k, D) at times (k,) from a start; of equal steps from zero on by doubling."""
-    count, step = len(times), float(times[-1]) / max(len(times) - 1, 1)
-    if count < 4 or times[0] != 0.0 or (abs(np.diff(times) - step) > 1e-12 * times[-1]).any():
-        each = np.broadcast_to(flow, (count, *flow.shape))
-        return np.asarray(moved(each, times, measures) @ start)
-    matrix, out = moved(flow[None], np.array([step]), measures)[0], start[None]
-    while len(out) < count:
-        out = np.concatenate([out, out @ matrix.T])
-        matrix = matrix @ matrix
-    return out[:count]
-
-
-def moved(flows: Any, lasts: Any, measures: Array) -> Any:
-    """exp(A t), (n, D, D), in units in which states are of order one."""
-    scaled = flows * measures / measures[:, None] * np.asarray(lasts)[:, None, None]
-    return np.asarray(exponentials(scaled)) * measures[:, None] / measures

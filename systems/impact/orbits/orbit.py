@@ -12,7 +12,7 @@ from dynkit.core.reprs import Facts, system_repr
 from dynkit.core.validation import Array, finite_array, one_of
 from dynkit.orbits.equations import KeptSolution
 from dynkit.orbits.problem import PeriodicOrbit
-from dynkit.systems.impact.orbits.solution import Solution
+from dynkit.systems.impact.orbits.itineraries.motion import ItinerarySolution
 from dynkit.systems.impact.records.viewing import series_of
 from dynkit.systems.impact.simulation.state import TWO_PI
 from dynkit.viewer.series import Series
@@ -36,7 +36,7 @@ class OrbitEquations(Protocol):
     periods: int
     itinerary: Any
 
-    def at(self, x: Array, p: Array) -> Solution:
+    def at(self, x: Array, p: Array) -> ItinerarySolution:
         """The motion that unknowns stand for."""
 
     def free(self, *names: str) -> Any:
@@ -63,7 +63,7 @@ class OrbitEquations(Protocol):
         """Largest error of a section coordinate, where so large a residual is left."""
 
 
-def observables_of(solution: Solution) -> dict[str, Array]:
+def observables_of(solution: ItinerarySolution) -> dict[str, Array]:
     """What `ImpactOrbit.observable` returns of a motion with impacts, by name."""
     phases, speeds = solution.impact_phases, np.asarray(solution.relative_velocity)
     time = np.asarray((phases - solution.phases[0]) / solution.frequency)
@@ -105,7 +105,7 @@ class ImpactOrbit(KeptSolution, PeriodicOrbit):
         return {**super()._facts(), "period": self.period, "states": len(self.states)}
 
     @property
-    def _solution(self) -> Solution:
+    def _solution(self) -> ItinerarySolution:
         return self._problem.at(self._x, NONE)
 
     @property

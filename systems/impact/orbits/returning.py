@@ -13,13 +13,12 @@ from dynkit.core.no_motion import NoMotion
 from dynkit.core.validation import Array
 from dynkit.orbits.newton import NoConvergence, NoSolution
 from dynkit.systems.impact.orbits.finding import Found
-from dynkit.systems.impact.orbits.itineraries.equations import ItineraryEquations
+from dynkit.systems.impact.orbits.itineraries.equations import APART, ItineraryEquations
 from dynkit.systems.impact.orbits.itineraries.finding import guess_of
 from dynkit.systems.impact.orbits.itineraries.itinerary import events_seen, of_period
 from dynkit.systems.impact.orbits.itineraries.motions import STARTS, simulated_motions
 from dynkit.systems.impact.orbits.itineraries.simulated import simulated
 from dynkit.systems.impact.orbits.orbit import ImpactOrbit
-from dynkit.systems.impact.orbits.problem import APART
 from dynkit.systems.impact.orbits.searching import add_returns, result_of
 from dynkit.systems.impact.simulation.state import TWO_PI
 from dynkit.systems.impact.simulation.trajectory import Ending

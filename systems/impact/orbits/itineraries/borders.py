@@ -18,6 +18,7 @@ from dynkit.systems.impact.elements.laws import ImpactLaw
 from dynkit.systems.impact.elements.stops import HardStop
 from dynkit.systems.impact.orbits.borders import (
     Border,
+    OfImpact,
     Touching,
     VanishingAcceleration,
     VanishingImpulse,
@@ -26,9 +27,9 @@ from dynkit.systems.impact.orbits.borders import (
 from dynkit.systems.impact.orbits.flights import Curve
 from dynkit.systems.impact.orbits.itineraries.happening import Happening, Itinerary
 from dynkit.systems.impact.orbits.itineraries.itinerary import regimes_of
+from dynkit.systems.impact.orbits.itineraries.motion import SAME
 from dynkit.systems.impact.orbits.itineraries.shooting import ShootingSolution
 from dynkit.systems.impact.orbits.machine import Regimes
-from dynkit.systems.impact.orbits.solution import SAME
 
 if TYPE_CHECKING:
     from dynkit.systems.impact.orbits.itineraries.motion import ItinerarySolution
@@ -77,13 +78,8 @@ def borders_of(problem: Any, s: ItinerarySolution) -> Iterator[Border]:
 
 
 @final
-class LawJump(Border):
-    """An impact approaches with a velocity at which its law jumps: number `side` of these.
-
-    Beyond, the orbit with the same piece of the law is no motion.
-    """
-
-    kind, ends = BifurcationKind.GR, False
+class LawJump(OfImpact):
+    """An impact approaches with a velocity at which its law jumps: number `side` of these."""
 
     def value(self, solution: Any) -> float:
         i, k = solution.hits[self.number], self.number
@@ -94,18 +90,11 @@ class LawJump(Border):
         approach = -float(solution.closing[k])
         return float(approach - breaks[self.side]) * (1.0 if event.piece > self.side else -1.0)
 
-    def left(self, solution: Any, own: Array) -> Any:  # noqa: ARG002
-        return [self.value(solution) / self.problem.units(solution)[1]]
-
 
 @final
-class StickAtImpact(Border):
-    """An impact takes all of a slip velocity, and no more: of friction number `side` at its stop.
+class StickAtImpact(OfImpact):
+    """An impact takes all of a slip velocity, not more: of friction number `side` at its stop."""
 
-    Beyond, the orbit with the same outcome is no motion.
-    """
-
-    kind, ends = BifurcationKind.GR, False
     problem: Any
 
     def value(self, solution: Any) -> float:
@@ -115,9 +104,6 @@ class StickAtImpact(Border):
         slip = float(machine.rate(friction) @ solution.before[i])
         taken = float(machine.takes(event.kicked, friction) * solution.impulses[k])
         return way * slip - taken if way else taken - abs(slip)
-
-    def left(self, solution: Any, own: Array) -> Any:  # noqa: ARG002
-        return [self.value(solution) / self.problem.units(solution)[1]]
 
     def place(self, solution: Any, own: Array) -> tuple[float, int]:  # noqa: ARG002
         event = solution.itinerary[solution.hits[self.number]]
@@ -186,51 +172,50 @@ def beginnings(system: Any, itinerary: Itinerary) -> list[Begun]:
     return found
 
 
-class _OfContact(Border):
-    """A number that depends on a contact force, in units of what forces are."""
+class _WhereItBegins(Border):
+    """A number where a mode begins."""
 
     problem: Any
 
-    def left(self, solution: Any, own: Array) -> Any:  # noqa: ARG002
-        return [self.value(solution) / self._unit(solution)]
-
-    def _unit(self, solution: Any) -> float:
-        return float(solution.force_unit(self.part, self.side))
-
+    @final
     def place(self, solution: Any, own: Array) -> tuple[float, int]:  # noqa: ARG002
         return solution.begins(self.part), self.side
 
 
 @final
-class ChatterEnd(_OfContact):
+class ChatterEnd(_WhereItBegins):
     """The contact force is zero where contact begins after a chatter."""
 
     def value(self, solution: Any) -> float:
         return float(solution.chatters[self.part].pressing)
 
+    def size(self, solution: Any) -> float:
+        return float(solution.force_unit(self.part, self.side))
+
     def begin(self, solution: Any) -> Array:
-        if solution.restitutions[solution.impulse_of[self.part]] > 0.0:
+        law = solution.oscillator._elements[self.side].restitution
+        if isinstance(law, ImpactLaw):
+            law = solution.restitutions[solution.impulse_of[self.part]]
+        if law > 0.0:
             raise NoSolution("the force where an endless chatter ends is not smooth there")
         return np.empty(0)
 
 
 @final
-class FlatRelease(_OfContact):
+class FlatRelease(_WhereItBegins):
     """The contact force does not fall where it is zero, at a release."""
 
     def value(self, solution: Any) -> float:
         return -float(solution.guards[self.part] @ solution.moving[self.part - 1])
 
-    def _unit(self, solution: Any) -> float:
+    def size(self, solution: Any) -> float:
         row = abs(solution.guards[self.part]) @ solution.measures
         return float(row * solution.frequency)
 
 
 @final
-class Beginning(Border):
+class Beginning(_WhereItBegins):
     """What begins to hold, or to stick, could as well not do so; or the other way round."""
-
-    problem: Any
 
     def __init__(self, problem: Any, begun: Begun) -> None:
         super().__init__(problem, begun.event, begun.guard, begun.element)
@@ -243,12 +228,6 @@ class Beginning(Border):
         event, mode, element, guard, sign = self.begun
         value, row = solution.watch(mode, element, guard, solution.begun(event))
         return float(sign * value / (abs(row) @ solution.measures))
-
-    def left(self, solution: Any, own: Array) -> Any:  # noqa: ARG002
-        return [self.value(solution)]
-
-    def place(self, solution: Any, own: Array) -> tuple[float, int]:  # noqa: ARG002
-        return solution.begins(self.part), self.side
 
     def name(self, solution: ItinerarySolution) -> str:  # noqa: ARG002
         """What happens, in the field's words."""
@@ -285,9 +264,6 @@ class VanishingInterval(Border):
 
     def _events(self, itinerary: Itinerary) -> tuple[Happening, Happening]:
         return itinerary[self.part], itinerary[(self.part + 1) % len(itinerary)]
-
-    def left(self, solution: Any, own: Array) -> Any:  # noqa: ARG002
-        return [self.value(solution)]
 
     def place(self, solution: Any, own: Array) -> tuple[float, int]:  # noqa: ARG002
         return float(solution.event_phases[self.part]), solution.itinerary[self.part].element

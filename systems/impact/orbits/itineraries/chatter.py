@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import replace
 from functools import cached_property
-from typing import Any, final
+from typing import Any, NamedTuple, final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,7 +16,7 @@ from dynkit.core.validation import Array
 from dynkit.orbits.newton import NoSolution
 from dynkit.systems.impact.elements.element import EventKind
 from dynkit.systems.impact.elements.laws import ImpactLaw
-from dynkit.systems.impact.orbits.itineraries.flying import Flights, TaylorFlights
+from dynkit.systems.impact.orbits.itineraries.flying import Flights
 from dynkit.systems.impact.orbits.itineraries.happening import Happening
 from dynkit.systems.impact.orbits.itineraries.itinerary import way
 from dynkit.systems.impact.orbits.machine import Machine
@@ -29,6 +29,18 @@ CHUNK, TAYLOR_CHUNK, MOST = 128, 32, 8192
 
 _NEARLY = 1e-3
 """A chatter nearly completes where its slowest impact is so slow, beside the fastest of all."""
+
+
+class Steps(NamedTuple):
+    """What n flights, and the impacts that end them, make of changes of a state: see `carry`."""
+
+    flown: Array
+    hits: Array
+    which: NDArray[np.intp]
+    movings: Array
+    delays: Array
+    delay: Array
+    more: Array
 
 
 @final
@@ -84,7 +96,7 @@ class Chatter:
         self.machine, self.element, self.flying = machine, event.element, event.kicked
         self._rub = [k for k, _ in event.rubs]
         self.start, self.rebounds = state, rebounds
-        self._kept: Any = None
+        self._kept: tuple[Array, Array, Steps, list[Any]] | None = None
         self._followed = event._replace(mode=event.kicked)
         n, rate = machine.size, self._flights.rate_of(self.element, state)[0]
         speed = rebounds * float(rate)
@@ -99,8 +111,7 @@ class Chatter:
             self.run = self._to_contact(oscillator, start, fastest)
         except NoMotion as refusal:
             raise NoSolution(str(refusal)) from refusal
-        last = self.after[-1] if self.run.impacts else state
-        self.begin = self._landed(self._held, last)[0]
+        self.begin = self._landed(self._held, self._last)[0]
 
     def _to_contact(self, oscillator: Any, start: Any, fastest: float) -> Trajectory:
         count = CHUNK if oscillator._motion is None else TAYLOR_CHUNK
@@ -109,7 +120,8 @@ class Chatter:
             kinds, elements = run.guards[run.switches.guard][:, [3, 1]].T
             (at,) = np.nonzero((kinds == EventKind.CONTACT) & (elements == self.element))
             k = int(run.switches.before[at[0]]) if len(at) else run.impacts
-            away = self._lifts_off(run, k)
+            states = _states(run, k)
+            away = self._lifts_off(run, states)
             if k < count or follows or away.any() or count >= MOST:
                 break
             count *= 4
@@ -123,28 +135,29 @@ class Chatter:
             k = int(np.argmin(speeds[: most + 1]))
             if speeds[k] > _NEARLY * fastest:
                 raise NoSolution("the chatter must be complete")
+        self.after = states[:k]
         begun = int(np.searchsorted(run.switches.time, 0.0, side="right"))
         return replace(run.part(0, k), switches=run.switches.until(begun))
 
-    def _lifts_off(self, run: Trajectory, count: int) -> Any:
-        """Whether each of the first flights, (count,), leaves the chatter.
+    def _lifts_off(self, run: Trajectory, after: Array) -> Any:
+        """Whether each flight before states (n, D) after impacts, (n,), leaves the chatter.
 
         It is longer than the one before, and nothing holds the mass down to its end. Without
         rebound there is no chatter, and any flight leaves.
         """
+        count = len(after)
         if not self.rebounds:
             return np.ones(count, dtype=bool)
-        states = np.concatenate([self.start[None], _states(run, count)])[:count]
         flights = np.diff(run.time[:count], prepend=0.0)
-        bend, change = self._flights.bends(self.element, states)
+        bend, change = self._flights.bends(self.element, self._since(after))
         freed = bend + np.maximum(change, 0.0) * flights >= 0.0
         longer = flights > np.append(np.inf, flights[:-1])
         return (freed & longer) | (run.element[:count] != self.element)
 
-    @cached_property
-    def after(self) -> Array:
-        """States (n, D) just after the impacts."""
-        return _states(self.run, self.run.impacts)
+    @property
+    def _last(self) -> Array:
+        """The state (D,) just after the last impact."""
+        return self.after[-1] if len(self.after) else self.start
 
     @cached_property
     def lasts(self) -> float:
@@ -194,62 +207,53 @@ class Chatter:
         """
         late = np.zeros(changes.shape[1])
         if self.run.impacts:
-            steps, more, delays, delay = (
-                _varying_steps(self, machine, flights)
-                if isinstance(flights, TaylorFlights) and flights.varies
-                else self._steps(machine, flights)
-            )
-            for step, added, later, own in zip(steps, more, delays, delay, strict=True):
-                late += later @ changes + own
-                changes = step @ changes + added[:, None]
-        last = self.after[-1] if self.run.impacts else self.start
-        landed, by = self._landed(held, last)
+            from dynkit.systems.impact.orbits.itineraries.chatter_kernels import carry
+
+            steps = (_varying_steps if flights.varies else Chatter._steps)(self, machine, flights)
+            changes, delayed = np.array(changes, order="C"), np.empty((2, len(late)))
+            carry(*steps, changes, np.empty_like(changes), delayed)
+            late = delayed[1]
+        landed, by = self._landed(held, self._last)
         return by @ changes + (landed.imag / STEP)[:, None], late
 
-    def _steps(self, m: Machine, flights: Flights) -> tuple[Array, Array, Array, Array]:
-        """What each flight, and the impact that ends it, make of changes (D,) of the state before.
-
-        Matrices (n, D, D), and what changes of the numbers add, (n, D). By how much later the
-        impact happens: rows (n, D), and (n,). The matrices and rows are kept.
-        """
-        if self._kept is None:
-            self._kept = self._matrices(m, flights)
-        moved, rates, delays, steps, parts = self._kept
-        since, lasts = self._since, np.diff(self.run.time, prepend=0.0)
+    def _steps(self, m: Machine, flights: Flights) -> Steps:
+        """See `Steps`; what depends on no changes of the numbers is kept."""
+        moved, rates, steps, parts = self._kept or self._matrices(m, flights)
+        self._kept = moved, rates, steps, parts
+        since, lasts = self._since(self.after), np.diff(self.run.time, prepend=0.0)
         more, delay = np.zeros(since.shape), np.zeros(len(since))
         if not m.changes:
-            return steps, more, delays, delay
-        k, added = self.element, flights.lifted(since, lasts)[1]
+            return steps
+        k, added = self.element, flights.carried(since, lasts)
         row, gap_changed = m.gap(k).real, m.gap(k).imag / STEP
         delay = -(added @ row + moved @ gap_changed) / rates
         r, slopes, r_changed = m.rebounds(k, rates)
         jumps = -(1.0 + r) * rates
-        for rubs, i, landed, back, put, moving in parts:
+        for rubs, i, landed, back, put in parts:
             kick, stop = m.kick(self.flying, k, rubs), m.stopped(self.flying, rubs)
             faster = landed @ (m.rate(k).imag / STEP)
             changed = np.outer((1.0 + slopes[i]) * faster + rates[i] * r_changed[i], kick.real)
             changed -= np.outer(jumps[i], kick.imag / STEP)
             after = landed + np.outer(jumps[i], kick.real)
-            more[i] = (put @ added[i][:, :, None])[..., 0] + moving * delay[i, None]
+            more[i] = (put @ added[i][:, :, None])[..., 0]
             more[i] += after @ (stop.imag / STEP).T - changed @ stop.real.T
             more[i] -= (landed @ gap_changed)[:, None] * back
-        return steps, more, delays, delay
+        return steps._replace(delay=delay, more=more)
 
-    @property
-    def _since(self) -> Array:
-        """States (n, D) just after the impacts before."""
-        return np.concatenate([self.start[None], self.after[:-1]])
+    def _since(self, after: Array) -> Array:
+        """States (n, D) with which flights begin, from those after the impacts at their ends."""
+        return np.concatenate([self.start[None], after])[:-1]
 
-    def _matrices(self, m: Machine, flights: Flights) -> Any:
+    def _matrices(self, m: Machine, flights: Flights) -> tuple[Array, Array, Steps, list[Any]]:
         """Those of `_steps`, and parts of them; of impacts with the same slip together."""
-        k, since, parts = self.element, self._since, []
+        k, since, parts = self.element, self._since(self.after), list[Any]()
         row = m.gap(k).real
         lasts = np.diff(self.run.time, prepend=0.0)
-        (flown, _), ends = flights.lifted(since, lasts), flights.ends(since, lasts)
+        flown, ends = flights.lifted(since, lasts), flights.ends(since, lasts)
         moved = (flown @ since[:, :, None])[..., 0]
         rates = self._rates(m, ends @ m.rate(k).real)
         delays = -(row @ flown) / rates[:, None]
-        steps = np.empty_like(flown)
+        which, movings = np.empty(len(since), dtype=np.intp), np.empty_like(since)
         r, slopes, _ = m.rebounds(k, rates)
         jumps = -(1.0 + r) * rates
         ways = self._ways(m, ends, jumps)
@@ -267,10 +271,12 @@ class Chatter:
             through = stop @ (np.eye(len(row)) - lost)
             back = through @ m.shift(k)
             put = through - back[:, :, None] * row
-            moving = (put @ flights.rates(landed)[:, :, None])[..., 0]
-            steps[i] = put + put @ flown[i] + moving[:, :, None] * delays[i, None, :]
-            parts.append((rubs, i, landed, back, put, moving))
-        return moved, rates, delays, steps, parts
+            movings[i] = (put @ flights.rates(landed)[:, :, None])[..., 0]
+            which[i] = sum(len(part[-1]) for part in parts) + np.arange(len(landed)) % len(put)
+            parts.append((rubs, i, landed, back, put))
+        hits = np.concatenate([part[-1] for part in parts])
+        none = np.zeros(len(since)), np.zeros(since.shape)
+        return moved, rates, Steps(flown, hits, which, movings, delays, *none), parts
 
     def _rates(self, m: Machine, near: Array) -> Array:
         """Rates (n,) of the gap before the impacts, from these to fewer digits."""
@@ -303,17 +309,16 @@ def _states(run: Trajectory, count: int) -> Array:
     return out
 
 
-def _varying_steps(
-    chatter: Chatter, machine: Machine, flights: TaylorFlights
-) -> tuple[Array, Array, Array, Array]:
-    """What each flight, and the impact that ends it, make of changes (D,): see `Chatter._steps`.
+def _varying_steps(chatter: Chatter, machine: Machine, flights: Any) -> Steps:
+    """See `Steps`, where rows and kicks depend on the state.
 
     A row at the end of a flight differs from that at its begin, where the gap is zero as well. As
     late in a chatter that difference is far below rounding of rows, it is summed along the flight.
     So are the differences that changes of the numbers make of the gap.
     """
-    k, since, lasts = chatter.element, chatter._since, np.diff(chatter.run.time, prepend=0.0)
-    flown, added = flights.lifted(since, lasts)
+    k, since = chatter.element, chatter._since(chatter.after)
+    lasts = np.diff(chatter.run.time, prepend=0.0)
+    flown, added = flights.lifted(since, lasts), flights.carried(since, lasts)
     near = [float(flights.rate_of(k, z)[0].real) for z in flights.ends(since, lasts)]
     rates = chatter._rates(machine, np.array(near))
     r, slopes, r_changed = machine.rebounds(k, rates)
@@ -334,10 +339,8 @@ def _varying_steps(
         moving = put @ flights.rate(before)
         later = -(row @ flown[i] + turned[i]) / rate
         delay = -(row @ added[i] + flown[i] @ since[i] @ gap_changed + moved[i]) / rate
-        more = (
-            put @ added[i] + moving * delay - rate * (push.imag / STEP + r_changed[i] * kick.real)
-        )
+        more = put @ added[i] - rate * (push.imag / STEP + r_changed[i] * kick.real)
         more -= (hit @ shift * gap.imag + pull * closing.imag) / STEP
-        found.append((put + put @ flown[i] + np.outer(moving, later), more, later, delay))
-    steps, mores, laters, delays = map(np.array, zip(*found, strict=True))
-    return steps, mores, laters, delays
+        found.append((put, moving, later, delay, more))
+    hits, *others = map(np.array, zip(*found, strict=True))
+    return Steps(flown, hits, np.arange(len(hits)), *others)

@@ -1,45 +1,49 @@
-"""The equations of periodic orbits with a given itinerary."""
+"""Periodic orbits with a given itinerary: what they are, when they come again, what is watched."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from functools import cached_property, partial
-from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple, Self, final
+import math
+from collections.abc import Iterator, Mapping, Sequence
+from typing import TYPE_CHECKING, Any, NamedTuple, Self, final
 
 import numpy as np
 
+from dynkit.core.cost import Cost
+from dynkit.core.smooth_map import proper_divisors
 from dynkit.core.validation import Array
-from dynkit.orbits.newton import Correction, NoSolution, orbit_bound
-from dynkit.systems.impact.elements.stops import HardStop
-from dynkit.systems.impact.modes.free_motion import free_motion
+from dynkit.orbits.equations import Problem
+from dynkit.orbits.events import Condition, Event
+from dynkit.orbits.newton import NoSolution, orbit_bound
 from dynkit.systems.impact.orbits.borders import Border
-from dynkit.systems.impact.orbits.itineraries import divided, responses, shooting
-from dynkit.systems.impact.orbits.itineraries.borders import Begun, beginnings, borders_of, named
-from dynkit.systems.impact.orbits.itineraries.correcting import TableCorrector, corrector_of
+from dynkit.systems.impact.orbits.itineraries import (
+    crossings,
+    monodromy,
+)
+from dynkit.systems.impact.orbits.itineraries.borders import borders_of, named
 from dynkit.systems.impact.orbits.itineraries.errors import error_of
-from dynkit.systems.impact.orbits.itineraries.happening import Happening, Itinerary
+from dynkit.systems.impact.orbits.itineraries.happening import Happening
 from dynkit.systems.impact.orbits.itineraries.itinerary import (
-    Course,
     counts_of,
-    has_law,
     returns_of,
 )
-from dynkit.systems.impact.orbits.itineraries.linear import LinearSolution
-from dynkit.systems.impact.orbits.itineraries.monodromy import factors, multipliers
-from dynkit.systems.impact.orbits.itineraries.motion import ItinerarySolution, Lap
+from dynkit.systems.impact.orbits.itineraries.motion import ItinerarySolution
 from dynkit.systems.impact.orbits.itineraries.openness import flights_are_open
-from dynkit.systems.impact.orbits.itineraries.responses import ResponseSolution, Windows, windows_of
+from dynkit.systems.impact.orbits.itineraries.responses import ResponseSolution
 from dynkit.systems.impact.orbits.itineraries.shooting import ShootingSolution
-from dynkit.systems.impact.orbits.itineraries.taylor import TaylorSolution
-from dynkit.systems.impact.orbits.itineraries.terms import Terms
-from dynkit.systems.impact.orbits.machine import Machine, difference
-from dynkit.systems.impact.orbits.orbit import NONE
-from dynkit.systems.impact.orbits.problem import APART, ImpactProblem
-from dynkit.systems.impact.simulation.parameters import changes_alone
+from dynkit.systems.impact.orbits.orbit import NONE, ImpactOrbit, observables_of
+from dynkit.systems.impact.orbits.problem import ImpactProblem
 from dynkit.systems.impact.simulation.state import TWO_PI
 
 if TYPE_CHECKING:
-    from dynkit.systems.impact.impact_map import ImpactMap
+    pass
+
+
+REPEATED = 1e-7
+"""States and impulses that agree so well, in their units, are the same."""
+
+APART = 1e-6
+"""Two solutions that differ by less, scaled, are the same orbit."""
+
 
 LEAST = 1e-13
 """Smaller impulses are rounding: at resonance those of all orbits are zero."""
@@ -47,22 +51,8 @@ LEAST = 1e-13
 SLOW = 1e-9
 """Impacts of what sticks that are slower, beside the fastest, are rounding."""
 
-_ROUNDING = 2.0**-52
 _STEPS, _SOLVED = 20, 1e-12
 """Steps of Newton's method to a return, and the last of them, in units of the unknowns."""
-
-
-class Layout(NamedTuple):
-    """Numbers of unknowns and equations: phases of events, impulses, and states at some of them."""
-
-    events: int
-    impacts: int
-    states: int
-
-    def split(self, x: Array) -> list[Array]:
-        """The three parts of unknowns, or of equations."""
-        n, end = self.events, self.events + self.impacts
-        return [x[:n], x[n:end], x[end:]]
 
 
 class Station(NamedTuple):
@@ -78,251 +68,34 @@ class Station(NamedTuple):
     node: bool
 
 
-def responds(oscillator: ImpactMap, itinerary: Itinerary, driven: bool) -> bool:
-    """Whether states follow from the impulses alone, as periodic responses.
-
-    That is so for impacts of one mode in which all motions have a restoring force.
-    """
-    stops = all(isinstance(element, HardStop) for element in oscillator._elements)
-    if not (driven and stops) or has_law(oscillator) or oscillator._motion is not None:
-        return False
-    one = all(e.kicked == e.mode and not any(e.mode.numbers) for e in itinerary)
-    return one and not len(free_motion(oscillator._contact).neutral)
-
-
 @final
 class ItineraryEquations(ImpactProblem):
-    """Periodic orbits of an impact oscillator, by the modes that they pass and their events.
+    """Periodic orbits of an impact oscillator with a given itinerary; see `ImpactProblem`."""
 
-    The unknowns are the phases (n,) of the events, not wrapped, the impulses (k,) of the impacts
-    among them, changes of the relative velocity, and the states (2N + J,), with the places of J
-    sliders, just before the events that
-    are nodes, the first one at least. The equations: the guards are zero, (n,); gaps open after
-    impacts at the rate of their law, (k,); each state is what becomes of the one before. Where all
-    events are impacts of one mode, whose motions all have a restoring force, states follow from the
-    impulses and are no unknowns. Of a chatter the first impacts are events; the others, until
-    contact, are simulated. Then the nodes are the releases. Where nothing drives the machine the
-    first event is at phase 0, and the first unknown the time of a turn of the phase, of which the
-    orbit takes `periods`. Nothing in the equations knows whether a gap is open in between, or an
-    impulse positive. Where an event follows another one at which its guard is
-    zero by nature, the equation is the divided difference.
+    def orbit(self, x: Array, p: Array, history: Sequence[float] = ()) -> ImpactOrbit:
+        fixed = self.remade(oscillator=self.system(p), names=())
+        return ImpactOrbit(fixed, x, tuple(history), Cost(0.0))
 
-    The itinerary is a tuple of `Happening`; sizes are those of positions and velocities; nodes are
-    numbers of events.
-
-    References
-    ----------
-    J. Shaw, S. W. Shaw, The onset of chaos in a two-degree-of-freedom impacting system, Journal of
-    Applied Mechanics 56 (1989) 168-174 (impulse responses).
-    A. B. Nordmark, P. T. Piiroinen, Simulation and stability analysis of impacting systems with
-    complete chattering, Nonlinear Dynamics 58 (2009) 85-106.
-    """
-
-    _arguments: ClassVar[tuple[str, ...]] = (*ImpactProblem._arguments, "driven", "nodes")
-
-    def __init__(
-        self,
-        oscillator: ImpactMap,
-        names: tuple[str, ...],
-        periods: int,
-        itinerary: Itinerary,
-        sizes: Any,
-        driven: bool,
-        nodes: tuple[int, ...] = (0,),
-    ) -> None:
-        super().__init__(oscillator, names, periods, itinerary, sizes)
-        self.driven, self.nodes = driven, nodes
-
-    @cached_property
-    def layout(self) -> Layout:
-        """Of unknowns and equations."""
-        hits = len(self.course.hits)
-        states = 0 if self.responds else self.dimension * len(self.nodes)
-        return Layout(len(self.itinerary), hits, states)
-
-    @property
-    def dimension(self) -> int:
-        """Number 2N + J of positions, velocities, and places of sliders."""
-        return self.oscillator.degrees_of_freedom + self.oscillator._size
-
-    @cached_property
-    def responds(self) -> bool:
-        """Whether states follow from the impulses: see `responds`."""
-        return responds(self.oscillator, self.itinerary, self.driven)
-
-    @cached_property
-    def course(self) -> Course:
-        """The itinerary, and what is asked of it."""
-        return Course(self.itinerary, self.nodes)
-
-    @property
-    def sides(self) -> Any:
-        """Of which stop each impact is, (k,)."""
-        return self.course.sides
-
-    @cached_property
-    def pairs(self) -> list[divided.Pair | None]:
-        """Of each event the one before at which its guard is zero by nature."""
-        return divided.pairs(self.oscillator, self.itinerary)
-
-    @cached_property
-    def beginnings(self) -> list[Begun]:
-        """Where something begins to hold or to stick, and where it might and does not."""
-        return beginnings(self.oscillator, self.itinerary)
-
-    @cached_property
-    def _measures(self) -> Array:
-        n, (length, speed) = self.oscillator.degrees_of_freedom, self.sizes
-        return np.repeat([length, speed, length, 1.0], [n, n, self.dimension - 2 * n, 3])
-
-    def _scene(self, p: Array) -> responses.Scene | shooting.Scene:
-        if self.responds and self.plain:
-            # No need of a system for each value.
-            values = dict(zip(self._names, p.tolist(), strict=True))
-            terms = self._terms.at(self.oscillator, values)
-            own = self.oscillator, self.windows, terms, self._measures
-            return responses.Scene(*own, partial(self.system, p))
-        system = self.system(p) if self._names else self.oscillator
-        if self.responds:
-            own = system, windows_of(system), Terms.of(system), self._measures
-            return responses.Scene(*own, partial(self.system, p))
-        return shooting.Scene(Machine(system), system, self._measures)
-
-    @cached_property
-    def windows(self) -> Windows:
-        """The gaps of all stops."""
-        return windows_of(self.oscillator)
-
-    @cached_property
-    def _terms(self) -> Terms:
-        return Terms.of(self.oscillator)
-
-    @cached_property
-    def plain(self) -> bool:
-        """Whether the free parameters are in closed form, and change nothing but themselves."""
-        own = self.oscillator
-        return not own.elements and all(changes_alone(own, name) for name in self._names)
-
-    def _solution(self, x: Array, scene: Any) -> ResponseSolution | ShootingSolution:
-        own, impulses, states = self.layout.split(x)
-        turn, phases = 0.0, np.empty(len(own) + 1)
-        phases[:-1] = own
-        if not self.driven:
-            turn, phases[0] = own[0], 0.0
-        phases[-1] = phases[0] + TWO_PI * self.periods
-        lap = Lap(phases, turn, impulses, states.reshape(-1, self.dimension))
-        if self.responds:
-            return ResponseSolution(scene, self.course, lap)
-        kind = LinearSolution if self.oscillator._motion is None else TaylorSolution
-        return kind(scene, self.course, lap, self.pairs, self.driven)
-
-    # --- equations --------------------------------------------------------------------------------
-
-    @property
-    def size(self) -> int:
-        return sum(self.layout)
-
-    @cached_property
-    def _scale(self) -> Array:
-        n, k, _ = self.layout
-        found = np.concatenate([np.ones(n), np.full(k, self.sizes[1]), self._state_units])
-        if not self.driven:
-            found[0] = self.sizes[0] / self.sizes[1]
-        found.setflags(write=False)
-        return found
-
-    @property
-    def _state_units(self) -> Array:
-        count = self.layout.states // self.dimension
-        return np.tile(self._measures[: self.dimension], count)
-
-    def scale(self, x: Array) -> Array:  # noqa: ARG002
-        return self._scale
-
-    @cached_property
-    def units_of_equations(self) -> Array:
-        """What the equations are measured in, at the oscillator's parameters."""
-        pushed = np.full(self.layout.impacts, self.sizes[1])
-        units = np.concatenate([self._guard_units, pushed, self._state_units])
-        units.setflags(write=False)
-        return units
-
-    @property
-    def _guard_units(self) -> Array:
-        m, units, (length, speed) = self._measures.copy(), [], self.sizes
-        m[-3:] = 0.0
-        machine = Machine(self.oscillator)
-        for event, pair in zip(self.itinerary, self.pairs, strict=True):
-            row = np.zeros_like(m)
-            if event.element >= 0:
-                row = self._row(machine, event)
-            size = float(abs(row) @ m) or 1.0
-            units.append(size * (speed / length) ** (pair.order if pair else 0))
-        return np.array(units)
-
-    def _row(self, machine: Machine, event: Happening) -> Array:
-        """Row (D,) of the size of what is watched at an event."""
-        if not machine.elements[event.element].curved:
-            return np.asarray(machine.watched(event.mode, event.element, event.guard))
-        watch, row = divided.watch_of(self.oscillator, event), np.zeros_like(self._measures)
-        pushed = watch.force * self.oscillator.frequency * float(machine.mass.max())
-        row[0], row[machine.size] = watch.gap, watch.rate + pushed
-        return row
-
-    def residual(self, x: Array, p: Array) -> Array:
-        with np.errstate(over="ignore", invalid="ignore"):
-            return np.asarray(self.at(x, p).left / self.units_of_equations)
-
-    def rounding(self, x: Array, p: Array) -> Array:
-        return np.asarray(self.at(x, p).rounding / self.units_of_equations)
-
-    def linearization(self, x: Array, p: Array, multiplier: complex = 1.0) -> Any:
-        return self.at(x, p).jacobian(multiplier) / self.units_of_equations[:, None]
-
-    def _by(self, x: Array, p: Array, k: int) -> Array:
-        s = self.at(x, p)
-        change = self._changes.by(p, k)
-        found = None if change is None else s.change(change)
-        return self._numerically(x, p, k, s) if found is None else found / self.units_of_equations
-
-    def _numerically(self, x: Array, p: Array, k: int, s: ItinerarySolution) -> Array:
-        """Derivative (m,) by the free parameter number `k`, from differences."""
-        # Small beside a turn of the fastest mode over the period.
-        turns = s.period * float(self.oscillator.natural_frequencies[-1])
-        h = 5e-3 * max(abs(float(p[k])), 1e-2) / (1.0 + turns)
-
-        def residual(value: float) -> Array:
-            moved = p.copy()
-            moved[k] = value
-            return self.residual(x, moved)
-
-        return difference(residual, float(p[k]), h)
-
-    @cached_property
-    def _corrector(self) -> TableCorrector | None:
-        return corrector_of(self)
-
-    def corrected(
-        self, y: Array, scale: Array, row: Array, limits: tuple[float, int, int]
-    ) -> Correction | None:
-        corrector = self._corrector
-        return None if corrector is None else corrector(y, scale, row, *limits)
-
-    # --- orbits -----------------------------------------------------------------------------------
+    def observed(self, x: Array, p: Array, name: str) -> Array:
+        solution = self.at(x, p)
+        found = observables_of(solution) if len(solution.impulses) else {}
+        return found[name] if name in found else super().observed(x, p, name)
 
     def multipliers(self, x: Array, p: Array) -> Any:
         s = self.at(x, p)
-        return multipliers(s) if isinstance(s, ResponseSolution) else s.multipliers
+        of = monodromy.multipliers if isinstance(s, ResponseSolution) else crossings.multipliers
+        return of(s)
 
     def factors(self, x: Array, p: Array) -> tuple[Array, Array] | None:
         s = self.at(x, p)
         if isinstance(s, ResponseSolution):
-            return factors(s)
+            return monodromy.factors(s)
         grazes = self.sticks and not s.impulses.all()
         return None if grazes or not s.factors[0].size else s.factors
 
     @property
     def sticks(self) -> bool:
+        """Whether orbits are P(inf,m): contact with a stop begins with an impact."""
         return self.course.sticks
 
     @property
@@ -342,7 +115,7 @@ class ItineraryEquations(ImpactProblem):
         # From states in contact, at the phase of the first release, to those of a period later.
         # Where it releases earlier or later the map is the same to first order.
         s, at, n = self.at(x, p), float(x[0]), len(x)
-        basis, unit = s.held_directions(0), self._measures[: self.dimension]
+        basis, unit = crossings.held_directions(s, 0), self._measures[: self.dimension]
         first = n - self.layout.states
         own, last = np.arange(first, first + self.dimension), np.arange(n - self.dimension, n)
         others, rest = np.setdiff1d(np.arange(n), own), np.setdiff1d(np.arange(n), last)
@@ -380,6 +153,7 @@ class ItineraryEquations(ImpactProblem):
         return jacobian, np.zeros(basis.shape[1])
 
     def state_error(self, x: Array, p: Array, residual: float) -> float:  # noqa: ARG002
+        """Estimate of the largest error of a section coordinate: see `ImpactOrbit.error`."""
         s = self.at(x, p)
         if isinstance(s, ShootingSolution):
             return error_of(self, x, p)
@@ -388,6 +162,55 @@ class ItineraryEquations(ImpactProblem):
         sizes = 32.0 * 2.0**-52 * float(abs(s.section_states).max(initial=0.0))
         phases = bound[: self.layout.events].max(initial=0.0)
         return max(float(bound.max()), float(phases) + moved + sizes)
+
+    def states_moved(self, x: Array, p: Array, moved: Array) -> float:
+        """Largest change of a section coordinate, where unknowns are off by as much, (m,)."""
+        states, scale, worst = self.at(x, p).section_states, self.scale(x), 0.0
+        if not np.isfinite(moved).all():
+            return math.inf
+        for k in np.flatnonzero(moved):
+            h = 1e-6 * scale[k]
+            there = x.copy()
+            there[k] += h
+            change = self.oscillator.difference(self.at(there, p).section_states, states)
+            worst += float(abs(change).max() / h * moved[k])
+        return worst
+
+    # --- what comes again -------------------------------------------------------------------------
+
+    def apart(self, x: Array, other: Array) -> Array:
+        key = other.tobytes()
+        if self._home is None or self._home[0] != key:
+            self._home = key, self.canonical(other)
+        return self.canonical(x) - self._home[1]
+
+    def shortest(self, x: Array) -> tuple[Self, Array]:
+        for k, periods, changes in self._repetitions(x):
+            if abs(changes).max() < REPEATED:
+                return self._shorter(k, periods), self._part(x, k)
+        return self, x
+
+    def repeats(self, x: Array, within: float) -> bool:
+        """Whether it is an orbit of a part of its period, run through several times."""
+        return any(abs(changes).max() < within for _, _, changes in self._repetitions(x))
+
+    def repetition(self, x: Array) -> float:
+        parts = [changes for _, _, changes in self._repetitions(x)]
+        return min((float(np.sqrt(np.mean(part**2))) for part in parts), default=np.inf)
+
+    def _repetitions(self, x: Array) -> Iterator[tuple[int, int, Array]]:
+        """Items of the itinerary, and periods, after which it may come again; changes until then.
+
+        Those of the phases, and in their units those of what else is known of each item.
+        """
+        count, m = self.parts, self.periods
+        for k in proper_divisors(count):
+            if m % (count // k) == 0 and self._may_repeat(k):
+                phases, others = self._marked(x)
+                periods = m // (count // k)
+                later = np.append(phases[k:], phases[:k] + TWO_PI * m) - TWO_PI * periods
+                changes = (np.roll(others, -k, axis=0) - others).ravel()
+                yield k, periods, np.concatenate([later - phases, changes])
 
     @property
     def parts(self) -> int:
@@ -400,10 +223,12 @@ class ItineraryEquations(ImpactProblem):
         return self.sticks or self.itinerary[0].element < 0
 
     def _may_repeat(self, k: int) -> bool:
+        """Whether the itinerary may come again after `k` of its items."""
         # how many impacts are named before a chatter is a choice
         return self.sticks or bool(self.itinerary == self.itinerary[k:] + self.itinerary[:k])
 
     def _marked(self, x: Array) -> tuple[Array, Array]:
+        """Phases (count,) of the items of the itinerary, and other marks of theirs (count, j)."""
         phases, impulses, states = self.layout.split(x)
         if self._of_nodes:
             return phases[list(self.nodes)], (states / self._state_units).reshape(self.parts, -1)
@@ -414,6 +239,7 @@ class ItineraryEquations(ImpactProblem):
         return phases, pushed / self.sizes[1]
 
     def _shorter(self, k: int, periods: int) -> Self:
+        """The equations of the first `k` items of the itinerary."""
         nodes, end = (self.nodes[:k], self._end(k)) if self._of_nodes else ((0,), k)
         return self.remade(periods=periods, itinerary=self.itinerary[:end], nodes=nodes)
 
@@ -422,6 +248,7 @@ class ItineraryEquations(ImpactProblem):
         return (*self.nodes, len(self.itinerary))[k] if self.sticks else k
 
     def _part(self, x: Array, k: int) -> Array:
+        """Unknowns of the first `k` items of the itinerary."""
         phases, impulses, states = self.layout.split(x)
         end, nodes = self._end(k), k if self._of_nodes else 1
         some = sum(event.kicked is not None for event in self.itinerary[:end])
@@ -497,14 +324,34 @@ class ItineraryEquations(ImpactProblem):
 
     # --- what is watched --------------------------------------------------------------------------
 
+    def events(self, x: Array, p: Array) -> list[Event]:
+        solution = self.at(x, p)
+        if self._watched is None or self._watched[0] is not solution:
+            both = [(border, border.value(solution)) for border in self.borders(solution)]
+            found = [Event(border.kind, border.part, value, border.ends) for border, value in both]
+            self._watched = solution, found
+        return list(self._watched[1])
+
+    def condition(self, event: int, x: Array, p: Array) -> tuple[Condition, Array]:
+        border = self.border(event, x, p)
+        return border, border.begin(self.at(x, p))
+
+    def border(self, event: int, x: Array, p: Array) -> Border:
+        """What event number `event` watches."""
+        return self.borders(self.at(x, p))[event]
+
     def borders(self, solution: ItinerarySolution) -> list[Border]:
+        """All that is watched."""
         return list(borders_of(self, solution))
 
     def touching(self, event: int, x: Array, own: Array, p: Array) -> Mapping[str, float]:
         """Return phase, time from the first state, and element; and the time by what happens."""
-        found, border = super().touching(event, x, own, p), self.border(event, x, p)
-        kind = named(border, self.at(x, p))
-        return {**found, kind: found["time"]}
+        solution, border = self.at(x, p), self.border(event, x, p)
+        at, side = border.place(solution, own)
+        turns = (at - float(solution.phases[0])) % (TWO_PI * self.periods)
+        time = turns / solution.frequency
+        found = {"phase": at % TWO_PI, "time": time, "side": float(side)}
+        return {**found, named(border, solution): time}
 
     def _stations(self, s: ResponseSolution | ShootingSolution) -> list[Station]:
         hits, found, before = iter(s.impulses.tolist()), [], s.before[:, : self.dimension]
@@ -557,13 +404,19 @@ class ItineraryEquations(ImpactProblem):
         return self._of(x, left)
 
     def without_impact(self, x: Array, p: Array, i: int) -> tuple[Self, Array] | None:
+        """The same motion without impact number `i`; None where it cannot be left out."""
         k = self.at(x, p).hits[i]
         same = self.itinerary[(k + 1) % len(self.itinerary)].mode == self.itinerary[k].mode
         return self.without(x, p, [k]) if same else None
 
-    def units(self, solution: ItinerarySolution) -> tuple[float, float, float]:
-        length, speed = self.sizes
-        return length, speed, speed * solution.frequency
+    def neighbours(self, event: int, x: Array, p: Array) -> list[tuple[Problem, Array, Array]]:
+        """Return the same motion as an orbit of one impact more or fewer.
+
+        Where the gap touches, an impact without impulse is added; where an impulse vanishes it is
+        left out. Both are solutions, to rounding.
+        """
+        found = self.border(event, x, p).neighbour(x, p)
+        return [] if found is None else [(*found, p)]
 
     def admissible(self, x: Array, p: Array) -> bool:
         """Whether it is a motion: no impulse pulls, nothing watched is negative, nor missed."""

@@ -16,7 +16,8 @@ from dynkit.orbits.newton import NoSolution
 from dynkit.systems.impact.elements.element import Watch
 from dynkit.systems.impact.modes.taylor_mode import FREQUENCY, Path, TaylorMode
 from dynkit.systems.impact.modes.taylor_scene import Scene
-from dynkit.systems.impact.orbits.machine import Machine, Regimes, Rubs, lifted, moved
+from dynkit.systems.impact.orbits.exponentials import carried, lifted, moved
+from dynkit.systems.impact.orbits.machine import Machine, Regimes, Rubs
 from dynkit.systems.impact.variational.taylor_derivative import gradient
 
 if TYPE_CHECKING:
@@ -39,9 +40,9 @@ class LinearFlights:
         self.machine, self.mode, self._measures = machine, mode, measures
         self._flow = machine.flow(mode)
 
-    def passed(self, z: Array, lasts: float) -> tuple[Array, Array]:
+    def passed(self, z: Any, lasts: Any) -> tuple[Any, Any]:
         """The state (D,) after a flight from one, and its derivative (D, D) by that."""
-        (flown,) = moved(self._flow.real[None], np.array([lasts]), self._measures)
+        (flown,) = moved(self._flow[None], np.array([lasts]), self._measures)
         return flown @ z, flown
 
     def rates(self, states: Array) -> Array:
@@ -53,14 +54,17 @@ class LinearFlights:
         first = self.machine.rate(element).real @ self._flow.real
         return states @ first, states @ (first @ self._flow.real)
 
-    def lifted(self, states: Array, times: Array) -> tuple[Array, Array]:
-        """Derivatives (n, D, D) less 1 of short flights, and changes (n, D) by those of numbers."""
-        flown = lifted(self._flow, times)
-        return flown.real, (flown.imag / STEP @ states[:, :, None])[..., 0]
+    def lifted(self, states: Array, times: Array) -> Array:  # noqa: ARG002
+        """Derivatives (n, D, D) less 1 of short flights."""
+        return lifted(self._flow.real, times)
+
+    def carried(self, states: Array, times: Array) -> Array:
+        """Changes (n, D) of states (n, D) after short flights by those of numbers."""
+        return carried(self._flow, states, times)
 
     def ends(self, states: Array, times: Array) -> Array:
         """States (n, D) after flights over some times (n,)."""
-        flown: Array = lifted(self._flow, times).real
+        flown = lifted(self._flow.real, times)
         return states + np.asarray(flown @ states[:, :, None])[..., 0]
 
     def observed(self, element: int, guard: int, z: Any) -> tuple[Any, Any]:
@@ -352,13 +356,12 @@ class TaylorFlights:
         series = np.array(found).reshape(len(states), -1)
         return 2.0 * series[:, 2], 6.0 * series[:, 3]
 
-    def lifted(self, states: Array, times: Array) -> tuple[Array, Array]:
-        """Derivatives (n, D, D) less 1 of short flights, and changes (n, D) by those of numbers.
+    def lifted(self, states: Array, times: Array) -> Array:
+        """Derivatives (n, D, D) less 1 of short flights.
 
         From the begin and the end of short ones by Magnus' series, so that nothing cancels.
         """
         out = np.empty((len(states), *2 * states.shape[1:]))
-        added = np.array([self.changed(*pair) for pair in zip(states, times, strict=True)])
         for i, (z, lasts) in enumerate(zip(states, times.tolist(), strict=True)):
             own = self.tangent(z)
             if abs(own).sum(axis=1).max() * lasts > _SHORT:
@@ -368,7 +371,12 @@ class TaylorFlights:
             a, b = (self.tangent(there) for there in self.whole(self.path(z, lasts).states(places)))
             turned = math.sqrt(3.0) / 12.0 * lasts * (b @ a - a @ b)
             (out[i],) = lifted(0.5 * (a + b) + turned, np.array([lasts]))
-        return out, added.reshape(states.shape)
+        return out
+
+    def carried(self, states: Array, times: Array) -> Array:
+        """Changes (n, D) of states (n, D) after short flights by those of numbers."""
+        found = [self.changed(*pair) for pair in zip(states, times, strict=True)]
+        return np.array(found).reshape(states.shape)
 
     def ends(self, states: Array, times: Array) -> Array:
         """States (n, D) after flights over some times (n,)."""

@@ -11,12 +11,11 @@ import numpy as np
 from dynkit.core.validation import Array, within_memory
 from dynkit.orbits.newton import NoSolution
 from dynkit.systems.impact.modes.free_motion import free_motion
-from dynkit.systems.impact.orbits.itineraries.equations import ItineraryEquations
+from dynkit.systems.impact.orbits.itineraries.equations import APART, ItineraryEquations
 from dynkit.systems.impact.orbits.itineraries.happening import Happening
 from dynkit.systems.impact.orbits.itineraries.itinerary import regimes_of
 from dynkit.systems.impact.orbits.itineraries.terms import drives_of
 from dynkit.systems.impact.orbits.orbit import NONE
-from dynkit.systems.impact.orbits.problem import APART
 from dynkit.systems.impact.simulation.state import TWO_PI
 
 if TYPE_CHECKING:

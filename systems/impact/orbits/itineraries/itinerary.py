@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from bisect import bisect_right
 from collections.abc import Sequence
+from functools import cache
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
@@ -140,12 +141,17 @@ def events_seen(
                 f"orbits by itinerary must not rest on a preloaded stop; got {soft!r}: "
                 "dynkit.periodic_orbit finds orbits of the map"
             )
-    known: dict[int, Regimes] = {}
+    contact, strobed = EventKind.CONTACT, oscillator._strobed
 
+    @cache
     def mode_of(number: int) -> Regimes:
-        if number not in known:
-            known[number] = regimes_of(oscillator, run.regimes[number])
-        return known[number]
+        return regimes_of(oscillator, run.regimes[number])
+
+    @cache
+    def watched(before: int, guard: Any) -> tuple[Regimes, int, Flights]:
+        mode = mode_of(before)
+        guards = automaton.parts.now(run.regimes[before])[guard.element].guards
+        return mode, number_of(guards, guard.watch), flights_of(oscillator, machine, mode)
 
     times: list[float] = []
     events: list[Happening] = []
@@ -155,15 +161,17 @@ def events_seen(
     reached = _reached(run)
     # states at events alone may all have a coordinate of zero
     sizes = abs(np.concatenate([reached, _reached(run, 0.5)])).max(axis=0, initial=0.0)
-    for k in range(1, len(parts.begin)):
-        hit = parts.kind[k] == EventKind.IMPACT
-        if (hit and oscillator._strobed) or parts.begin[k] <= at_once:
+    own = zip(parts.kind.tolist(), parts.begin.tolist(), parts.guard.tolist(), strict=True)
+    modes = parts.mode.tolist()
+    for k, (kind, begin, at) in enumerate(own):
+        hit = kind == EventKind.IMPACT
+        if k == 0 or (hit and strobed) or begin <= at_once:
             continue  # a period begins, or the motion, in the regimes that its start is in
-        begin, before = float(parts.begin[k]), int(parts.mode[k - 1])
+        before = modes[k - 1]
         if begin > until:
             break
-        guard = automaton.guards[parts.guard[k]]
-        if parts.kind[k] == EventKind.CONTACT and parts.speed[k] > 0.0:
+        guard = automaton.guards[at]
+        if kind == contact and parts.speed[k] > 0.0:
             if named:
                 _name(machine, guard.element, (times, events, states), run)
             else:
@@ -173,16 +181,14 @@ def events_seen(
             last, now = begin, {guard.element}
             continue
         hits = events[-1].element if events and events[-1].kicked else -1
-        if parts.kind[k] == EventKind.CONTACT and hits == guard.element and hits in now:
+        if kind == contact and hits == guard.element and hits in now:
             events[-1] = events[-1]._replace(chatters=True)
         if begin - last > at_once:
             lasting, now = before, set()
         elif not now:
             before = lasting
         last = begin
-        mode, regime = mode_of(before), automaton.parts.now(run.regimes[before])[guard.element]
-        number, z = number_of(regime.guards, guard.watch), reached[k - 1]
-        moving = flights_of(oscillator, machine, mode)
+        (mode, number, moving), z = watched(before, guard), reached[k - 1]
         if not hit:
             value, row = moving.observed(guard.element, number, z)
             if (
@@ -192,7 +198,7 @@ def events_seen(
                 or abs(value) > _ZERO * (abs(row) @ sizes)
             ):
                 continue
-        kicked = mode_of(int(parts.mode[k - 1])) if hit else None
+        kicked = mode_of(modes[k - 1]) if hit else None
         if now and hit:
             mode = kicked or mode
         now.add(guard.element)
@@ -215,10 +221,9 @@ def _outcome(
         When masses leave open what friction does.
     """
     stop, mode = guard.element, event.kicked
-    approach = -float(flights.rate_of(stop, z)[0])
     law: Any = machine.elements[stop].restitution
     if isinstance(law, ImpactLaw):
-        return event._replace(piece=law.piece(approach))
+        return event._replace(piece=law.piece(-float(flights.rate_of(stop, z)[0])))
     if mode is None or stop not in machine.normal.values():
         return event
     if guard.ambiguous:
@@ -231,7 +236,7 @@ def _outcome(
             "no periodic orbit found: friction with a coefficient needs constant masses and rows; "
             f"got {machine.elements[stop]!r}"
         )
-    jump = (1.0 + machine.restitution(stop)) * approach
+    jump = -(1.0 + machine.restitution(stop)) * float(flights.rate_of(stop, z)[0])
     slips = [(part.element, float(machine.rate(part.element) @ z)) for part in guard.scrapes]
     return event._replace(rubs=tuple((k, way(w, machine.takes(mode, k) * jump)) for k, w in slips))
 

@@ -9,18 +9,11 @@ import numpy as np
 
 from dynkit.core.differences import STEP
 from dynkit.core.validation import Array
+from dynkit.systems.impact.orbits.exponentials import exponentials, moved, run_through
 from dynkit.systems.impact.orbits.flights import Curve
-from dynkit.systems.impact.orbits.itineraries.chatter import Chatter
 from dynkit.systems.impact.orbits.itineraries.flying import LinearFlights
 from dynkit.systems.impact.orbits.itineraries.shooting import ShootingSolution
-from dynkit.systems.impact.orbits.machine import (
-    Machine,
-    Numbers,
-    Regimes,
-    exponentials,
-    moved,
-    run_through,
-)
+from dynkit.systems.impact.orbits.machine import Machine, Numbers, Regimes
 
 _ROUNDING = 2.0**-52
 
@@ -28,27 +21,6 @@ _ROUNDING = 2.0**-52
 @final
 class LinearSolution(ShootingSolution):
     """The motion of an itinerary where flights are linear."""
-
-    @cached_property
-    def kicks(self) -> Any:
-        none = np.zeros(self.dimension + 3)
-        kicks = [
-            self.machine.kick(e.kicked, e.element, e.rubs) if e.kicked else none
-            for e in self.itinerary
-        ]
-        return np.array(kicks)
-
-    @cached_property
-    def resets(self) -> Any:
-        m, out = self.machine, []
-        for event, after in zip(self.itinerary, self.following, strict=True):
-            own = m.put_on(event.element) if event.chatters else m.caught(event.mode, after.mode)
-            if event.kicked and event.rubs:
-                own = own @ m.stopped(event.kicked, event.rubs)
-            out.append(own)
-        for i in self.course.nodes if self._closed else ():
-            out[i] = out[i] @ m.laid(self._closed)
-        return np.array(out)
 
     @property
     def _closed(self) -> list[int]:
@@ -61,64 +33,20 @@ class LinearSolution(ShootingSolution):
         """A, (n, D, D), of the modes that follow the events, and chatters."""
         return np.array([self.machine.flow(event.mode) for event in self.following])
 
-    def flights(self, mode: Regimes) -> LinearFlights:
-        return LinearFlights(self.machine, mode, self.measures)
-
-    def _caught(self, i: int, chatter: Chatter, state: Any) -> tuple[Any, Any]:
-        """State (D,) before the next event, and (D, D) from contact on, where a chatter follows."""
-        late, begin = self.durations[i] - chatter.lasts, self._begun_on(i, chatter, state)
-        (held,) = moved(self.flows[i : i + 1], np.array([late]), self.measures)
-        return held @ begin, held
-
     @cached_property
-    def _way(self) -> tuple[Any, Any, Any, Any, dict[int, Chatter]]:
-        n, d = self.events, self.dimension
+    def _ahead(self) -> Any:
+        """exp(A t), (n, D, D), of the flights that follow no chatter."""
         lasts = np.array(self.durations)
         lasts[[event.chatters for event in self.itinerary]] = 0.0
-        flown, chatters = moved(self.flows, lasts, self.measures), {}
-        before, after, reached = np.empty((3, n, d + 3), dtype=flown.dtype)
-        state: Any = None
-        for i in range(n):
-            state = self.lap.states[self._node_of[i]] if i in self._node_of else state
-            before[i, :d], before[i, d:] = state, self._turning[i]
-            pushed = before[i]
-            if i in self.impulse_of:
-                pushed = pushed + self.impulses[self.impulse_of[i]] * self.kicks[i]
-            after[i] = self.resets[i] @ pushed
-            if self.itinerary[i].chatters:
-                chatters[i] = self._chatter(i, after[i])
-                reached[i], flown[i] = self._caught(i, chatters[i], after[i])
-            else:
-                reached[i] = flown[i] @ after[i]
-            state = reached[i, :d]
-        return before, after, reached, flown, chatters
+        return moved(self.flows, lasts, self.measures)
 
-    @cached_property
-    def moving(self) -> Any:
-        return (self.flows @ self.reached[:, :, None])[:, :, 0]
+    def _flight(self, i: int, z: Any, lasts: Any) -> tuple[Any, Any]:
+        if self.itinerary[i].chatters:
+            return super()._flight(i, z, lasts)
+        return self._ahead[i] @ z, self._ahead[i]
 
-    @cached_property
-    def guards(self) -> Any:
-        none = np.zeros(self.dimension + 3)
-        return np.array(
-            [
-                self.machine.watched(e.mode, e.element, e.guard) if e.element >= 0 else none
-                for e in self.itinerary
-            ]
-        )
-
-    @property
-    def guarded(self) -> Any:
-        return (self.guards * self.before).sum(axis=1)
-
-    @cached_property
-    def rates(self) -> Any:
-        rows = [self.machine.rate(int(side)) for side in self.sides]
-        return np.array(rows).reshape(len(rows), self.dimension + 3)
-
-    @property
-    def closing(self) -> Any:
-        return (self.rates * self.before[self.hits]).sum(axis=1)
+    def flights(self, mode: Regimes) -> LinearFlights:
+        return LinearFlights(self.machine, mode, self.measures)
 
     def acceleration(self, i: int) -> tuple[float, float]:
         k = self.hits[i]
@@ -128,9 +56,7 @@ class LinearSolution(ShootingSolution):
     def curve(self, i: int, element: int, guard: int = 0) -> Curve:
         mode = self.following[i].mode
         row, flow = self.machine.watched(mode, element, guard), self.flows[i]
-        start, m, lasts = self.after[i], self.measures, float(self.durations[i])
-        if i in self.chatters:
-            start, lasts = self.chatters[i].begin, lasts - self.chatters[i].lasts
+        start, m, lasts = self.begun(i), self.measures, float(self.durations[i]) - self._late(i)
         rows = [row, row @ flow, row @ flow @ flow]
 
         def values(times: Array, orders: int) -> Array:
@@ -207,14 +133,6 @@ class LinearSolution(ShootingSolution):
             return np.asarray(there.left.imag / STEP)
 
     def _passed(self, i: int, durations: Array) -> Array:
-        start = self.after[i]
-        if i in self.chatters:
-            start, durations = self.chatters[i].begin, durations - self.chatters[i].lasts
         flows = np.broadcast_to(self.flows[i], (len(durations), *self.flows[i].shape))
-        z = moved(flows, np.maximum(durations, 0.0), self.measures)
-        return np.asarray((z @ start)[:, : self.dimension])
-
-    def flown(self, i: int, phase: float) -> Array:
-        late = np.array([(phase - self.event_phases[i]) / self.clock])
-        z = moved(self.flows[i : i + 1], late, self.measures)[0] @ self.after[i]
-        return np.asarray(z[:-3])
+        z = moved(flows, np.maximum(durations - self._late(i), 0.0), self.measures)
+        return np.asarray((z @ self.begun(i))[:, : self.dimension])

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from abc import abstractmethod
+from abc import ABC, abstractmethod
 from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
@@ -10,7 +10,6 @@ import numpy as np
 from dynkit.core.validation import Array, read_only
 from dynkit.systems.impact.orbits.flights import Curve
 from dynkit.systems.impact.orbits.itineraries.itinerary import Course
-from dynkit.systems.impact.orbits.solution import Solution
 from dynkit.systems.impact.simulation.state import SHEET, TWO_PI
 
 ROUNDING = 32.0 * 2.0**-52
@@ -18,6 +17,10 @@ ROUNDING = 32.0 * 2.0**-52
 
 LATE = 2.0 * 2.0**-52
 """Of the period, relative: it is a rounded multiple of a rounded turn, divided and rounded."""
+
+
+SAME = 1e-6
+"""In units of a period: how far a simulated event may be from that of the orbit."""
 
 
 class Lap(NamedTuple):
@@ -40,8 +43,11 @@ class Lap(NamedTuple):
     states: Array
 
 
-class ItinerarySolution(Solution):
-    """The motion of an itinerary at given unknowns and parameters.
+class ItinerarySolution(ABC):
+    """The motion of an itinerary at given unknowns and parameters, whether it is possible or not.
+
+    It has n impacts, without those of a chatter, and k states, from which the motion can be
+    simulated: P(n,m) just after each impact, P(inf,m) at each release.
 
     A subclass must implement what is abstract here, and in addition, for guards (n,), laws of the
     impacts (k,), and what becomes of each unknown state less the next one, (m,) together:
@@ -125,29 +131,30 @@ class ItinerarySolution(Solution):
     # --- the motion -------------------------------------------------------------------------------
 
     @property
-    def frequency(self) -> float:  # type: ignore[override]
-        """Of the phase."""
+    def frequency(self) -> float:
+        """Of the phase, that of the forcing where there is one."""
         return float(self.clock)
 
     @property
-    def period(self) -> float:  # type: ignore[override]
+    def period(self) -> float:
         """Time until the motion repeats itself."""
         return float((self.lap.phases[-1] - self.event_phases[0]) / self.clock)
 
     @property
-    def impact_phases(self) -> Array:  # type: ignore[override]
-        """Phases (k,) of the impacts."""
+    def impact_phases(self) -> Array:
+        """Phases (n,) of the impacts, not wrapped."""
         return read_only(self.event_phases[self.hits])
 
     @property
     def relative_velocity(self) -> Array:
+        """Relative velocities (n,) just after the impacts; negative on the far side of a play."""
         r = self.restitutions
         u = r / (1.0 + r) * np.maximum(self.impulses, 0.0)
         return np.asarray(np.where((self.sides == 1) & self.oscillator._faces, -u, u))
 
     @property
-    def phases(self) -> Array:  # type: ignore[override]
-        """Phases of the section states.
+    def phases(self) -> Array:
+        """Phases (k,) of the section states, not wrapped, read-only.
 
         Of releases, of impacts, of periods that begin, or of all events.
         """
@@ -163,6 +170,7 @@ class ItinerarySolution(Solution):
 
     @property
     def section_states(self) -> Array:
+        """Section coordinates (k, 2N) of the states."""
         if not len(self.hits):
             return self.passed((self.phases - self.event_phases[0]) / self.clock % self.period)
         n, system = self.oscillator.degrees_of_freedom, self.oscillator
@@ -183,12 +191,24 @@ class ItinerarySolution(Solution):
         return found
 
     def sample(self, since: Array) -> tuple[Array, Array]:
+        """Positions and velocities (j, N) at times (j,) from the first state on, in one period."""
         late = float(self.phases[0] - self.event_phases[0]) / self.clock
         z, n = self.passed((since + late) % self.period), self.oscillator.degrees_of_freedom
         return z[:, :n], z[:, n : 2 * n]
 
     @property
+    def bounces(self) -> tuple[Array, Array]:
+        """Phases and relative velocities (l,) of all impacts, those of chatters included."""
+        return self.impact_phases, self.relative_velocity
+
+    @property
+    def chatter_error(self) -> float:
+        """Largest change of a position or velocity by replacing the rest of a chatter."""
+        return 0.0
+
+    @property
     def contact_phases(self) -> Array:
+        """Phases (c, 2) at which contacts begin and end."""
         found = [
             [self.begins(i), self._released(i, k)]
             for i, (event, after) in enumerate(zip(self.itinerary, self.following, strict=True))

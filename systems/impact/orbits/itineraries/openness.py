@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
-from dynkit.systems.impact.orbits.solution import SAME, follows
+from dynkit.core.validation import Array
+from dynkit.systems.impact.orbits.itineraries.motion import SAME
+from dynkit.systems.impact.simulation.trajectory import Trajectory
 
 if TYPE_CHECKING:
     from dynkit.systems.impact.orbits.itineraries.responses import ResponseSolution
@@ -26,3 +29,18 @@ def flights_are_open(s: ResponseSolution) -> bool:
         if not follows(run, s.lasts[i : i + 1], [end], within):
             return False
     return True
+
+
+def follows(run: Trajectory, times: Array, sides: Sequence[int], within: float) -> bool:
+    """Whether a simulated run makes the same impacts, without contact.
+
+    Parameters
+    ----------
+    times, sides : (n,)
+    within : float
+        How much times may differ.
+    """
+    n = len(times)
+    if run.impacts < n or run.sides[1 : n + 1].tolist() != list(sides) or len(run.contacts):
+        return False
+    return bool((abs(run.time[:n] - times) <= within).all())

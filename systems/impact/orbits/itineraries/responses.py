@@ -136,7 +136,7 @@ class ResponseSolution(ItinerarySolution):
         self.transition, self.kicked, self._moved = self.windows.repeated(self.period)
 
     @property
-    def period(self) -> float:  # type: ignore[override]
+    def period(self) -> float:
         return float(self.turn / self.clock)
 
     @cached_property

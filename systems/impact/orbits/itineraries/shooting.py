@@ -8,14 +8,13 @@ from functools import cached_property
 from typing import Any, NamedTuple
 
 import numpy as np
-from scipy.linalg import null_space
 
 from dynkit.core.differences import STEP
 from dynkit.core.validation import Array
-from dynkit.orbits.multipliers import product_eigenvalues
 from dynkit.orbits.newton import NoSolution
 from dynkit.systems.impact.orbits.itineraries import divided
 from dynkit.systems.impact.orbits.itineraries.chatter import Chatter
+from dynkit.systems.impact.orbits.itineraries.crossings import factors_of
 from dynkit.systems.impact.orbits.itineraries.flying import Flights
 from dynkit.systems.impact.orbits.itineraries.itinerary import Course
 from dynkit.systems.impact.orbits.itineraries.motion import ItinerarySolution, Lap
@@ -27,10 +26,6 @@ from dynkit.systems.impact.simulation.state import TWO_PI
 _ROUNDING = 2.0**-52
 _OF_ROWS = 8.0
 """Roundings of each term of an equation: rows, kicks and sines are rounded."""
-_GRAZES = 256.0 * _ROUNDING
-"""Rate of a guard in units of a turn's: with less it is only grazed."""
-_PARTING = 1e-5
-"""Step of central differences in turns of the phase: it balances rounding and curvature."""
 
 
 class Scene(NamedTuple):
@@ -75,6 +70,8 @@ class ShootingSolution(ItinerarySolution):
         clock = scene.machine.frequency if driven else TWO_PI / lap.turn
         super().__init__(scene.oscillator, scene.measures, course, lap, clock)
         self.dimension = lap.states.shape[1]
+        self._kicks: dict[int, Any] = {}
+        self._put: dict[int, Array] = {}
         self._node_of = dict(zip(course.nodes, range(len(course.nodes)), strict=True))
 
     # --- on the way; with complex numbers of a machine complex ------------------------------------
@@ -143,6 +140,115 @@ class ShootingSolution(ItinerarySolution):
         (rate,) = self.flights(self.following[i].mode).rates(chatter.begin[None])
         return chatter.begin + 1j * STEP * (changes[:, 0] - rate * later)
 
+    @cached_property
+    def _modes(self) -> list[Any]:
+        """Flights (n,) after the events."""
+        return [self.flights(event.mode) for event in self.following]
+
+    @property
+    def _closed(self) -> list[int]:
+        """Stops whose gaps, and the rates of these, are put to zero at nodes."""
+        return []
+
+    @cached_property
+    def _way(self) -> tuple[Any, Any, Any, Any, dict[int, Chatter]]:
+        """Whole states (n, D) before and after the events, and before the next ones.
+
+        With `_flown` and `chatters`.
+        """
+        n, d, m = self.events, self.dimension, self.machine
+        unit, kind = np.eye(d + 3), np.result_type(m.frequency)
+        before, after, reached = np.empty((3, n, d + 3), dtype=kind)
+        flown, chatters = np.zeros((n, d + 3, d + 3), dtype=kind), {}
+        state: Any = None
+        for i, event in enumerate(self.itinerary):
+            node = i in self._node_of
+            state = self.lap.states[self._node_of[i]] if node else state
+            before[i, :d], before[i, d:] = state, self._turning[i]
+            pushed = before[i]
+            if event.kicked:
+                flights = self.flights(event.kicked)
+                self._kicks[i] = flights.kick(event.element, before[i], event.rubs)
+                pushed = pushed + self.impulses[self.impulse_of[i]] * self._kicks[i]
+            laid = m.laid(self._closed) if node and self._closed else unit
+            if event.kicked and event.rubs:
+                laid = m.stopped(event.kicked, event.rubs) @ laid
+            after[i], put = self._modes[i].begun(event, laid @ pushed)
+            self._put[i] = put @ laid.real
+            start, lasts = after[i], self.durations[i]
+            if event.chatters:
+                chatters[i] = self._chatter(i, after[i])
+                start = self._begun_on(i, chatters[i], after[i])
+                lasts = lasts - chatters[i].lasts
+            reached[i], flown[i] = self._flight(i, start, lasts)
+            state = reached[i, :d]
+        return before, after, reached, flown, chatters
+
+    @property
+    def kicks(self) -> Any:
+        """Changes (n, D) by unit impulses; zero where there is none."""
+        none = np.zeros(self.dimension + 3)
+        before = self.before
+        return np.array([self._kicks.get(i, none) for i in range(len(before))])
+
+    @cached_property
+    def resets(self) -> Any:
+        """(n, D, D): rates of what begins to hold, or to stick, are lost.
+
+        Where a chatter follows, the gap is put to zero.
+        """
+        before, out = self.before, []
+        for i, event in enumerate(self.itinerary):
+            reset = self._put[i]
+            flights: Any = self.flights(event.kicked) if event.kicked else None
+            if flights and flights.varies:
+                turned = flights.turned(event.element, before[i])
+                reset = reset @ (np.eye(len(reset)) + self.impulses[self.impulse_of[i]] * turned)
+            out.append(reset)
+        return np.array(out)
+
+    @cached_property
+    def moving(self) -> Any:
+        """Rates (n, D) of the states just before the next events."""
+        pairs = zip(self._modes, self.reached, strict=True)
+        return np.array([flights.rates(z[None])[0] for flights, z in pairs])
+
+    @cached_property
+    def _watched(self) -> tuple[Any, Any]:
+        rows = np.zeros_like(self.before)
+        values = rows[:, 0].copy()
+        for i, (event, z) in enumerate(zip(self.itinerary, self.before, strict=True)):
+            if event.element >= 0:
+                values[i], rows[i] = self.watch(event.mode, event.element, event.guard, z)
+        return values, rows
+
+    @property
+    def guards(self) -> Any:
+        """Rows (n, D) of what is zero at the events; zero where a period begins."""
+        return self._watched[1]
+
+    @property
+    def guarded(self) -> Any:
+        """What is zero at the events, (n,)."""
+        return self._watched[0]
+
+    @cached_property
+    def _approach(self) -> tuple[Any, Any]:
+        own = [(self.itinerary[i], self.before[i]) for i in self.hits]
+        found = [self.flights(event.mode).rate_of(event.element, z) for event, z in own]
+        rates = np.array([rate for rate, _ in found])
+        return rates, np.array([row for _, row in found]).reshape(len(own), self.dimension + 3)
+
+    @property
+    def closing(self) -> Any:
+        """Rates (k,) of the gaps that impacts close, just before these."""
+        return self._approach[0]
+
+    @property
+    def rates(self) -> Any:
+        """Derivatives (k, D) of these rates by the states before."""
+        return self._approach[1]
+
     @property
     def before(self) -> Any:
         """Whole states (n, D) just before the events."""
@@ -163,7 +269,7 @@ class ShootingSolution(ItinerarySolution):
         return np.array([self._stilled(i, z[None])[0] for i, z in enumerate(self.after)])
 
     @cached_property
-    def _rebounds(self) -> Any:
+    def rebounds(self) -> Any:
         """Restitutions, and slopes of rebound velocities over those of the approach: (2, k)."""
         approach = self.closing
         pieces = [self.itinerary[i].piece for i in self.hits]
@@ -173,7 +279,7 @@ class ShootingSolution(ItinerarySolution):
 
     @property
     def restitutions(self) -> Any:
-        return self._rebounds[0]
+        return self.rebounds[0]
 
     # --- equations --------------------------------------------------------------------------------
 
@@ -215,7 +321,7 @@ class ShootingSolution(ItinerarySolution):
             after = self.resets[i] @ change
             if i in self.impulse_of:
                 j = self.impulse_of[i]
-                out[n + j] += (1.0 + self._rebounds[1, j]) * (self.rates[j] @ change)
+                out[n + j] += (1.0 + self.rebounds[1, j]) * (self.rates[j] @ change)
                 out[n + j, n + j] += 1.0
                 after[:, n + j] += self.resets[i] @ self.kicks[i]
             changes.append(after)
@@ -311,56 +417,10 @@ class ShootingSolution(ItinerarySolution):
                 rows[j] = self.guards[j, :d]
             if j in self.impulse_of:
                 k = self.impulse_of[j]
-                rows[n + k] = (1.0 + self._rebounds[1, k]) * self.rates[k, :d]
+                rows[n + k] = (1.0 + self.rebounds[1, k]) * self.rates[k, :d]
         return out
 
     # --- flights ----------------------------------------------------------------------------------
-
-    @property
-    @abstractmethod
-    def _way(self) -> tuple[Any, Any, Any, Any, dict[int, Chatter]]:
-        """Whole states (n, D) before and after the events, and before the next ones.
-
-        With `_flown` and `chatters`.
-        """
-
-    @property
-    @abstractmethod
-    def kicks(self) -> Any:
-        """Changes (n, D) by unit impulses; zero where there is none."""
-
-    @property
-    @abstractmethod
-    def resets(self) -> Any:
-        """(n, D, D): rates of what begins to hold, or to stick, are lost.
-
-        Where a chatter follows, the gap is put to zero.
-        """
-
-    @property
-    @abstractmethod
-    def moving(self) -> Any:
-        """Rates (n, D) of the states just before the next events."""
-
-    @property
-    @abstractmethod
-    def guards(self) -> Any:
-        """Rows (n, D) of what is zero at the events; zero where a period begins."""
-
-    @property
-    @abstractmethod
-    def guarded(self) -> Any:
-        """What is zero at the events, (n,)."""
-
-    @property
-    @abstractmethod
-    def rates(self) -> Any:
-        """Derivatives (k, D) of the rates of the gaps that impacts close, by the states before."""
-
-    @property
-    @abstractmethod
-    def closing(self) -> Any:
-        """These rates (k,) just before the impacts."""
 
     @property
     @abstractmethod
@@ -370,6 +430,14 @@ class ShootingSolution(ItinerarySolution):
     @abstractmethod
     def flights(self, mode: Regimes) -> Flights:
         """The flights in a mode."""
+
+    def _flight(self, i: int, z: Any, lasts: Any) -> tuple[Any, Any]:
+        """State (D,) at the next event, and derivative (D, D) by the one from which it flies.
+
+        With imaginary changes of both.
+        """
+        flown: tuple[Any, Any] = self._modes[i].passed(z, lasts)
+        return flown
 
     @abstractmethod
     def quotient(self, j: int, row: Any, q: int) -> Any:
@@ -398,9 +466,10 @@ class ShootingSolution(ItinerarySolution):
     def _passed(self, i: int, durations: Array) -> Array:
         """States (k, 2N) at durations (k,) after event `i`, after its chatter those in contact."""
 
-    @abstractmethod
     def flown(self, i: int, phase: float) -> Array:
         """The state (2N + J,) at a phase after event `i`."""
+        late = np.array([(phase - self.event_phases[i]) / self.clock])
+        return np.asarray(self._passed(i, late)[0])
 
     # --- the motion -------------------------------------------------------------------------------
 
@@ -439,26 +508,25 @@ class ShootingSolution(ItinerarySolution):
         """The state (D,) with which the mode after event number `i` begins, after its chatter."""
         return self.chatters[i].begin if i in self.chatters else np.asarray(self.after[i])
 
+    def _late(self, i: int) -> float:
+        """Time from event number `i` to the mode after it, of its chatter."""
+        return self.chatters[i].lasts if i in self.chatters else 0.0
+
     def begins(self, i: int) -> float:
-        late = self.clock * self.chatters[i].lasts if i in self.chatters else 0.0
-        return float(self.event_phases[i] + late)
+        return float(self.event_phases[i] + self.clock * self._late(i))
 
     def watch(self, mode: Regimes, element: int, guard: int, z: Any) -> tuple[Any, Any]:
         """What an element watches there at a state (D,), and its derivative (D,)."""
         return self.flights(mode).observed(element, guard, z)
 
     def size_of(self, i: int, element: int, guard: int) -> float:
-        _, row = self.watch(self.following[i].mode, element, guard, self._start(i))
+        _, row = self.watch(self.following[i].mode, element, guard, self.begun(i))
         return float(abs(row) @ self.measures)
 
     def force_unit(self, i: int, element: int) -> float:
         """What a contact force after event `i` is measured in."""
-        row = self.flights(self.following[i].mode).force_row(element, self._start(i))
+        row = self.flights(self.following[i].mode).force_row(element, self.begun(i))
         return float(abs(row) @ self.measures)
-
-    def _start(self, i: int) -> Array:
-        """The state (D,) from which the flight after event `i` begins, of its chatter contact."""
-        return np.asarray(self.chatters[i].begin if i in self.chatters else self.after[i])
 
     @property
     def bounces(self) -> tuple[Array, Array]:
@@ -476,95 +544,10 @@ class ShootingSolution(ItinerarySolution):
 
     # --- the orbit --------------------------------------------------------------------------------
 
-    @property
-    def multipliers(self) -> Any:
-        """Floquet multipliers (2N + J,), the largest first; some of what sticks are zero."""
-        factors, _ = self.factors
-        found = np.zeros(self.dimension - (not self.driven), dtype=complex)
-        if self.course.sticks and not self.impulses.all():
-            # an impact that only grazes stretches without bound
-            found[0] = np.inf
-            return found
-        own = product_eigenvalues(factors)[: len(found)] if factors.size else found[:0]
-        found[: len(own)] = own
-        return found
-
     @cached_property
     def factors(self) -> tuple[Array, Array]:
-        """From just before each event, at its phase, to just before the next one.
-
-        Of what nothing drives from the guard of the first event to itself, along the motion. Of
-        what sticks from each node to the next one, of motions in contact.
-        """
-        d, found, least = self.dimension, [], _GRAZES * float(self.frequency)
-        for i in range(self.events):
-            moving = self.moving[i - 1]
-            passed = self.resets[i].copy()
-            if i in self.impulse_of:
-                j = self.impulse_of[i]
-                own = np.outer(self.kicks[i], self.rates[j]) * (1.0 + self._rebounds[1, j])
-                passed = self.resets[i] @ (np.eye(len(own)) - own)
-            row = self.guards[i] if self.driven or i else 0.0 * self.guards[i]
-            rate = float(row @ moving)
-            if i in self.impulse_of or abs(rate) > least * float(abs(row) @ self.measures):
-                later = row / rate if rate else row
-                passed = self.transitions[i] @ (passed - np.outer(passed @ moving, later))
-                passed += np.outer(self.moving[i], later)
-            else:
-                passed = self.transitions[i] @ (passed + np.outer(self._parting(i), row))
-            found.append(passed[:d, :d])
-        if not self.driven:
-            moving = self.moving[-1, :d]
-            row = self.guards[0][:d]
-            found[-1] -= np.outer(moving / (row @ moving), row @ found[-1])
-        factors = np.array(found)
-        m = self.measures[:d]
-        factors = factors * m / m[:, None]
-        if self.course.sticks:
-            factors = self._in_contact(factors)
-        grown = 16.0 + self.norms
-        if self.course.sticks:
-            grown = grown.sum() + np.zeros(len(factors))
-        return factors, _ROUNDING * grown * abs(factors).max(axis=(1, 2), initial=0.0)
-
-    def _parting(self, i: int) -> Array:
-        """Limit (D,) of what changes of the state's rates at event `i`, over the guard's rate.
-
-        Where a guard is only grazed, both are zero: it is the ratio of their derivatives in time.
-        """
-        moving, step = self.moving[i - 1], _PARTING / self.clock
-        ends = self.reached[i - 1] + step * moving, self.reached[i - 1] - step * moving
-        ahead, behind = (
-            (self.flights(self.following[i - 1].mode).rates(z[None])[0], self.resets[i] @ z)
-            for z in ends
-        )
-        slope = ahead[0] - behind[0]
-        there = self.flights(self.following[i].mode)
-        changed = there.rates(ahead[1][None])[0] - there.rates(behind[1][None])[0]
-        bend = float(self.guards[i] @ slope)
-        return np.asarray((changed - self.resets[i] @ slope) / bend if bend else 0.0 * slope)
-
-    def held_directions(self, node: int) -> Array:
-        """Scaled changes (2N, d), orthonormal, that leave what is held before a node in contact."""
-        i, m = self.course.nodes[node], self.measures[: self.dimension]
-        mode, z = self.itinerary[i].mode, self.before[i]
-        stops, own = [k for k in mode.held if k < len(self.oscillator._stops)], self.flights(mode)
-        rows = [of(k, z)[1][: self.dimension] for k in stops for of in (own.gap_of, own.rate_of)]
-        return np.asarray(null_space(np.array(rows).reshape(len(rows), len(m)) * m))
-
-    def _in_contact(self, factors: Array) -> Array:
-        """Matrices from each node to the next one, of changes that leave what is held closed."""
-        count, found = len(self.course.nodes), []
-        bases = [self.held_directions(node) for node in range(count)]
-        if len({basis.shape for basis in bases}) > 1:
-            return factors
-        ends = [*self.course.nodes[1:], self.events]
-        for k, (begin, end) in enumerate(zip(self.course.nodes, ends, strict=True)):
-            moved = bases[k]
-            for factor in factors[begin:end]:
-                moved = factor @ moved
-            found.append(bases[(k + 1) % count].T @ moved)
-        return np.array(found)
+        """See `factors_of`."""
+        return factors_of(self)
 
     @property
     def admissible(self) -> bool:

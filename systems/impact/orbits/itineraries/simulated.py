@@ -9,7 +9,7 @@ import numpy as np
 from dynkit.core.no_motion import NoMotion
 from dynkit.systems.impact.orbits.itineraries.happening import Happening
 from dynkit.systems.impact.orbits.itineraries.itinerary import Seen, events_seen
-from dynkit.systems.impact.orbits.solution import SAME
+from dynkit.systems.impact.orbits.itineraries.motion import SAME
 from dynkit.systems.impact.simulation.state import TWO_PI, Motion, beside, state_at
 from dynkit.systems.impact.simulation.trajectory import Trajectory
 

@@ -14,7 +14,6 @@ from dynkit.core.differences import STEP
 from dynkit.core.validation import Array
 from dynkit.orbits.newton import NoSolution
 from dynkit.systems.impact.orbits.flights import Curve
-from dynkit.systems.impact.orbits.itineraries.chatter import Chatter
 from dynkit.systems.impact.orbits.itineraries.divided import Pair
 from dynkit.systems.impact.orbits.itineraries.flying import TaylorFlights
 from dynkit.systems.impact.orbits.itineraries.itinerary import Course
@@ -64,122 +63,26 @@ class TaylorSolution(ShootingSolution):
         known = None if still is None else still.chatters
         super().__init__(scene, course, lap, pairs, driven, known)
         self._still, self._changes = still, changes or {}
-        self._kicks: dict[int, Any] = {}
-        self._put: dict[int, Array] = {}
 
     def flights(self, mode: Regimes) -> TaylorFlights:
         return TaylorFlights(self.oscillator, self.machine, mode, self._changes.get(mode))
 
-    @cached_property
-    def _modes(self) -> list[TaylorFlights]:
-        """Flights (n,) after the events."""
-        return [self.flights(event.mode) for event in self.following]
-
     # --- on the way -------------------------------------------------------------------------------
 
-    @cached_property
-    def _way(self) -> tuple[Any, Any, Any, Any, dict[int, Chatter]]:
-        n, d, kind = self.events, self.dimension, np.result_type(self.machine.frequency)
-        if self.course.sticks and not (self.durations.real > 0.0).all():
-            raise NoSolution("events must come one after the other")
-        before, after, reached = np.empty((3, n, d + 3), dtype=kind)
-        flown, chatters = np.zeros((n, d + 3, d + 3)), {}
-        state: Any = None
-        for i, event in enumerate(self.itinerary):
-            state = self.lap.states[self._node_of[i]] if i in self._node_of else state
-            before[i, :d], before[i, d:] = state, self._turning[i]
-            pushed = before[i]
-            if event.kicked:
-                flights = self.flights(event.kicked)
-                self._kicks[i] = flights.kick(event.element, before[i], event.rubs)
-                pushed = pushed + self.impulses[self.impulse_of[i]] * self._kicks[i]
-            stopped = (
-                self.machine.stopped(event.kicked, event.rubs) if event.rubs else np.eye(d + 3)
-            )
-            after[i], put = self._modes[i].begun(event, stopped @ pushed)
-            self._put[i] = put @ stopped.real
-            start, lasts = after[i], self.durations[i]
-            if event.chatters:
-                chatters[i] = self._chatter(i, after[i])
-                start = self._begun_on(i, chatters[i], after[i])
-                lasts = lasts - chatters[i].lasts
-            reached[i], flown[i] = self._flight(i, start, lasts)
-            state = reached[i, :d]
-        return before, after, reached, flown, chatters
-
     def _flight(self, i: int, z: Array, lasts: Any) -> tuple[Array, Array]:
-        """State (D,) at the next event, and derivative (D, D) by the one from which it flies.
-
-        With imaginary changes of both.
-        """
-        flights, still = self._modes[i], self._still
+        flights: TaylorFlights = self._modes[i]
+        still = self._still
+        if self.course.sticks and not self.durations[i].real > 0.0:
+            raise NoSolution("events must come one after the other")
         if still is None:
-            return flights.passed(z, lasts)
+            return super()._flight(i, z, lasts)
         flown = still._flown[i]
         out = flown @ z.imag / STEP + still.moving[i] * lasts.imag / STEP
         out += flights.changed(z.real, float(lasts.real))
         out[self.dimension :] = 0.0  # phases are given
         return still.reached[i] + 1j * STEP * out, flown
 
-    @property
-    def kicks(self) -> Any:
-        none = np.zeros(self.dimension + 3)
-        before = self.before
-        return np.array([self._kicks.get(i, none) for i in range(len(before))])
-
-    @cached_property
-    def resets(self) -> Any:
-        before, out = self.before, []
-        for i, event in enumerate(self.itinerary):
-            reset = self._put[i]
-            if event.kicked and (flights := self.flights(event.kicked)).varies:
-                turned = flights.turned(event.element, before[i])
-                reset = reset @ (np.eye(len(reset)) + self.impulses[self.impulse_of[i]] * turned)
-            out.append(reset)
-        return np.array(out)
-
-    @cached_property
-    def moving(self) -> Any:
-        pairs = zip(self._modes, self.reached, strict=True)
-        return np.array([flights.rate(z) for flights, z in pairs])
-
     # --- what is watched --------------------------------------------------------------------------
-
-    @cached_property
-    def _watched(self) -> tuple[Array, Array]:
-        rows = np.zeros_like(self.before)
-        values = rows[:, 0].copy()
-        for i, (event, z) in enumerate(zip(self.itinerary, self.before, strict=True)):
-            if event.element >= 0:
-                values[i], rows[i] = self.watch(event.mode, event.element, event.guard, z)
-        return values, rows
-
-    @property
-    def guards(self) -> Any:
-        return self._watched[1]
-
-    @property
-    def guarded(self) -> Any:
-        return self._watched[0]
-
-    @cached_property
-    def _approach(self) -> tuple[Any, Array]:
-        """Rates (k,) of gaps just before impacts, and their derivatives (k, D)."""
-        before, own = self.before, self.hits
-        found = [
-            self.flights(self.itinerary[i].mode).rate_of(self.itinerary[i].element, before[i])
-            for i in own
-        ]
-        rates = np.array([rate for rate, _ in found])
-        return rates, np.array([row for _, row in found]).reshape(len(own), self.dimension + 3)
-
-    @property
-    def closing(self) -> Any:
-        return self._approach[0]
-
-    @property
-    def rates(self) -> Any:
-        return self._approach[1]
 
     def acceleration(self, i: int) -> tuple[float, float]:
         k = self.hits[i]
@@ -189,8 +92,8 @@ class TaylorSolution(ShootingSolution):
 
     def _path(self, i: int) -> tuple[Path, float]:
         """The flight after event `i`, of its chatter contact, and for how long it is late."""
-        late = self.chatters[i].lasts if i in self.chatters else 0.0
-        return self._modes[i].path(self._start(i), float(self.durations[i]) - late), late
+        late = self._late(i)
+        return self._modes[i].path(self.begun(i), float(self.durations[i]) - late), late
 
     def curve(self, i: int, element: int, guard: int = 0) -> Curve:
         (path, late), flights, parts, size = self._path(i), self._modes[i], [], 0.0
@@ -300,11 +203,8 @@ class TaylorSolution(ShootingSolution):
 
     def _passed(self, i: int, durations: Array) -> Array:
         path, late = self._path(i)
-        return self._modes[i].whole(path.states(np.maximum(durations - late, 0.0)))[:, :-3]
-
-    def flown(self, i: int, phase: float) -> Array:
-        late = np.array([(phase - self.event_phases[i]) / self.clock])
-        return np.asarray(self._passed(i, late)[0])
+        states = self._modes[i].whole(path.states(np.maximum(durations - late, 0.0)))
+        return np.asarray(states[:, :-3])
 
 
 _PLACES = np.cos(np.pi * (np.arange(_POINTS) + 0.5) / _POINTS)

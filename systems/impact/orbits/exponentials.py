@@ -1,0 +1,91 @@
+"""Exponentials of the flows of linear modes, real or with imaginary changes."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+from scipy.linalg import expm
+
+from dynkit.core.differences import STEP
+from dynkit.core.validation import Array
+from dynkit.orbits.newton import NoSolution
+
+_TERMS = 18
+"""Of a series of exp(A) where A is of norm one: the next one is below 1e-17."""
+_POWERS = np.arange(1, _TERMS + 1)
+_FACTORIALS = np.array([math.factorial(k) for k in _POWERS.tolist()], dtype=float)
+
+_BRIEF, _LONGEST = 4.0, 2.0**50
+"""Norm of A t up to which a series loses few digits; largest norms."""
+
+
+def lifted(flow: Array, times: Array) -> Array:
+    """exp(A t) - 1, (k, d, d), of one matrix at short times (k,), whose powers are shared."""
+    halvings = np.ceil(np.log2(np.maximum(_norm(flow) * times, 1.0))).astype(int)
+    powers = np.empty((_TERMS, *flow.shape))
+    powers[0] = flow
+    for k in range(1, _TERMS):
+        np.matmul(flow, powers[k - 1], out=powers[k])
+    weights = (times * 0.5**halvings)[:, None] ** _POWERS / _FACTORIALS
+    out = (weights @ powers.reshape(_TERMS, -1)).reshape(len(times), *flow.shape)
+    for k in range(int(halvings.max(initial=0))):
+        some = np.flatnonzero(halvings > k)
+        out[some] = 2.0 * out[some] + out[some] @ out[some]
+    return np.asarray(out)
+
+
+def carried(flow: Any, states: Array, times: Array) -> Array:
+    """Changes (k, D) of states after times (k,) by the imaginary changes of a flow.
+
+    Series of the states (k, D) at the begin, and of their changes, for times that are not long.
+    """
+    size, out = _norm(flow) * times, np.zeros(states.shape)
+    long, brief = np.flatnonzero(size > _BRIEF), np.flatnonzero(size <= _BRIEF)
+    if len(long):
+        flown = exponentials(flow * times[long, None, None])
+        out[long] = (flown.imag / STEP @ states[long, :, None])[..., 0]
+    if len(brief):
+        d, change = len(flow), flow.imag / STEP
+        both, terms, lasts = np.vstack([flow.real, change]), states[brief].T, times[brief]
+        later = total = change @ terms * lasts
+        for k in range(2, 18 + math.ceil(4.0 * float(size[brief].max()))):
+            moved = both @ terms
+            terms = moved[:d] * (lasts / (k - 1))
+            later = (flow.real @ later + both[d:] @ terms) * (lasts / k)
+            total = total + later
+        out[brief] = total.T
+    return out
+
+
+def exponentials(matrices: Any) -> Any:
+    """exp(A), (k, d, d), real or with imaginary changes; infinite where they overflow."""
+    norms = abs(matrices).sum(axis=1).max(axis=1)
+    if not (norms < _LONGEST).all():
+        raise NoSolution("the time between two events is too long for the fastest mode")
+    with np.errstate(all="ignore"):
+        return expm(matrices)
+
+
+def _norm(flow: Any) -> float:
+    return float(abs(flow).sum(axis=0).max())
+
+
+def run_through(flow: Array, start: Array, times: Array, measures: Array) -> Array:
+    """States (k, D) at times (k,) from a start; of equal steps from zero on by doubling."""
+    count, step = len(times), float(times[-1]) / max(len(times) - 1, 1)
+    if count < 4 or times[0] != 0.0 or (abs(np.diff(times) - step) > 1e-12 * times[-1]).any():
+        each = np.broadcast_to(flow, (count, *flow.shape))
+        return np.asarray(moved(each, times, measures) @ start)
+    matrix, out = moved(flow[None], np.array([step]), measures)[0], start[None]
+    while len(out) < count:
+        out = np.concatenate([out, out @ matrix.T])
+        matrix = matrix @ matrix
+    return out[:count]
+
+
+def moved(flows: Any, lasts: Any, measures: Array) -> Any:
+    """exp(A t), (n, D, D), in units in which states are of order one."""
+    scaled = flows * measures / measures[:, None] * np.asarray(lasts)[:, None, None]
+    return np.asarray(exponentials(scaled)) * measures[:, None] / measures

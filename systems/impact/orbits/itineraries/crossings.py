@@ -1,0 +1,109 @@
+"""Floquet multipliers of motions of several modes, those of a `ShootingSolution`."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from scipy.linalg import null_space
+
+from dynkit.core.validation import Array
+from dynkit.orbits.multipliers import product_eigenvalues
+
+_ROUNDING = 2.0**-52
+_GRAZES = 256.0 * _ROUNDING
+"""Rate of a guard in units of a turn's: with less it is only grazed."""
+_PARTING = 1e-5
+"""Step of central differences in turns of the phase: it balances rounding and curvature."""
+
+
+def multipliers(s: Any) -> Any:
+    """Floquet multipliers (2N + J,), the largest first; some of what sticks are zero."""
+    factors, _ = s.factors
+    found = np.zeros(s.dimension - (not s.driven), dtype=complex)
+    if s.course.sticks and not s.impulses.all():
+        # an impact that only grazes stretches without bound
+        found[0] = np.inf
+        return found
+    own = product_eigenvalues(factors)[: len(found)] if factors.size else found[:0]
+    found[: len(own)] = own
+    return found
+
+
+def factors_of(s: Any) -> tuple[Array, Array]:
+    """Matrices from just before each event, at its phase, to just before the next; their rounding.
+
+    Of what nothing drives from the guard of the first event to itself, along the motion. Of
+    what sticks from each node to the next one, of motions in contact.
+    """
+    d, found, least = s.dimension, [], _GRAZES * float(s.frequency)
+    for i in range(s.events):
+        moving = s.moving[i - 1]
+        passed = s.resets[i].copy()
+        if i in s.impulse_of:
+            j = s.impulse_of[i]
+            own = np.outer(s.kicks[i], s.rates[j]) * (1.0 + s.rebounds[1, j])
+            passed = s.resets[i] @ (np.eye(len(own)) - own)
+        row = s.guards[i] if s.driven or i else 0.0 * s.guards[i]
+        rate = float(row @ moving)
+        if i in s.impulse_of or abs(rate) > least * float(abs(row) @ s.measures):
+            later = row / rate if rate else row
+            passed = s.transitions[i] @ (passed - np.outer(passed @ moving, later))
+            passed += np.outer(s.moving[i], later)
+        else:
+            passed = s.transitions[i] @ (passed + np.outer(_parting(s, i), row))
+        found.append(passed[:d, :d])
+    if not s.driven:
+        moving = s.moving[-1, :d]
+        row = s.guards[0][:d]
+        found[-1] -= np.outer(moving / (row @ moving), row @ found[-1])
+    factors = np.array(found)
+    m = s.measures[:d]
+    factors = factors * m / m[:, None]
+    if s.course.sticks:
+        factors = _in_contact(s, factors)
+    grown = 16.0 + s.norms
+    if s.course.sticks:
+        grown = grown.sum() + np.zeros(len(factors))
+    return factors, _ROUNDING * grown * abs(factors).max(axis=(1, 2), initial=0.0)
+
+
+def _parting(s: Any, i: int) -> Array:
+    """Limit (D,) of what changes of the state's rates at event `i`, over the guard's rate.
+
+    Where a guard is only grazed, both are zero: it is the ratio of their derivatives in time.
+    """
+    moving, step = s.moving[i - 1], _PARTING / s.clock
+    ends = s.reached[i - 1] + step * moving, s.reached[i - 1] - step * moving
+    ahead, behind = (
+        (s.flights(s.following[i - 1].mode).rates(z[None])[0], s.resets[i] @ z) for z in ends
+    )
+    slope = ahead[0] - behind[0]
+    there = s.flights(s.following[i].mode)
+    changed = there.rates(ahead[1][None])[0] - there.rates(behind[1][None])[0]
+    bend = float(s.guards[i] @ slope)
+    return np.asarray((changed - s.resets[i] @ slope) / bend if bend else 0.0 * slope)
+
+
+def held_directions(s: Any, node: int) -> Array:
+    """Scaled changes (2N, d), orthonormal, that leave what is held before a node in contact."""
+    i, m = s.course.nodes[node], s.measures[: s.dimension]
+    mode, z = s.itinerary[i].mode, s.before[i]
+    stops, own = [k for k in mode.held if k < len(s.oscillator._stops)], s.flights(mode)
+    rows = [of(k, z)[1][: s.dimension] for k in stops for of in (own.gap_of, own.rate_of)]
+    return np.asarray(null_space(np.array(rows).reshape(len(rows), len(m)) * m))
+
+
+def _in_contact(s: Any, factors: Array) -> Array:
+    """Matrices from each node to the next one, of changes that leave what is held closed."""
+    count, found = len(s.course.nodes), []
+    bases = [held_directions(s, node) for node in range(count)]
+    if len({basis.shape for basis in bases}) > 1:
+        return factors
+    ends = [*s.course.nodes[1:], s.events]
+    for k, (begin, end) in enumerate(zip(s.course.nodes, ends, strict=True)):
+        moved = bases[k]
+        for factor in factors[begin:end]:
+            moved = factor @ moved
+        found.append(bases[(k + 1) % count].T @ moved)
+    return np.array(found)

@@ -1,0 +1,42 @@
+"""Tails of chatters: what flights and impacts make of changes, against plain products."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from scipy.linalg import expm
+
+from dynkit.core.differences import STEP
+from dynkit.systems.impact.orbits.exponentials import carried, lifted
+from dynkit.systems.impact.orbits.itineraries.chatter_kernels import carry
+
+
+@pytest.mark.plain
+def test_a_kernel_carries_changes_as_products_of_matrices_do() -> None:
+    random, n, d = np.random.default_rng(0), 3, 4
+    flown, hits = random.normal(size=(n, d, d)), random.normal(size=(2, d, d))
+    movings, delays, more = random.normal(size=(3, n, d))
+    delay, which = random.normal(size=n), np.array([1, 0, 1])
+    changes = random.normal(size=(d, 2))
+    expected, late = changes.copy(), np.zeros(2)
+    for i in range(n):
+        later = delays[i] @ expected + delay[i]
+        moved = hits[which[i]] @ (expected + flown[i] @ expected)
+        expected = moved + np.outer(movings[i], later) + more[i][:, None]
+        late += later
+    delayed = np.empty((2, 2))
+    carry(flown, hits, which, movings, delays, delay, more, changes, np.empty((d, 2)), delayed)
+    assert changes == pytest.approx(expected, rel=1e-12)
+    assert delayed[1] == pytest.approx(late, rel=1e-12)
+
+
+def test_changes_of_a_flow_are_those_of_its_exponential() -> None:
+    random = np.random.default_rng(1)
+    flow, change = random.normal(size=(2, 6, 6))
+    states, times = random.normal(size=(4, 6)), np.array([2.0, 0.5, 1e-3, 1e-9])
+    both = np.block([[flow, np.zeros((6, 6))], [change, flow]])
+    found = carried(flow + 1j * STEP * change, states, times)
+    for z, t, own, less_one in zip(states, times, found, lifted(flow, times), strict=True):
+        exact = expm(both * t)
+        assert own == pytest.approx(exact[6:, :6] @ z, rel=1e-12, abs=1e-13 * t)
+        assert less_one == pytest.approx(exact[:6, :6] - np.eye(6), rel=1e-12, abs=1e-14)
