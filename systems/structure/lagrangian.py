@@ -5,7 +5,7 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections import OrderedDict
 from collections.abc import Hashable
-from functools import cached_property
+from functools import cached_property, lru_cache
 from threading import RLock
 from typing import TYPE_CHECKING, ClassVar
 
@@ -162,7 +162,15 @@ class LagrangianStructure(Shown, ABC):
         return facts
 
     def __getstate__(self) -> dict[str, object]:
-        return {name: value for name, value in vars(self).items() if name != "_derivation"}
+        derived = _cached(type(self))
+        return {name: value for name, value in vars(self).items() if name not in derived}
+
+
+@lru_cache
+def _cached(kind: type) -> frozenset[str]:
+    """Return the names of the cached properties of a class, which follow from its fields."""
+    members = (pair for base in kind.__mro__ for pair in vars(base).items())
+    return frozenset(name for name, member in members if isinstance(member, cached_property))
 
 
 _lock = RLock()
@@ -216,7 +224,7 @@ def _key(structure: LagrangianStructure) -> Hashable | None:
     """A key that is equal for structures with the same energies; None where none can be made."""
     kind = type(structure)
     # A dataclass's fields are among its attributes.
-    used = sorted(vars(structure).keys() - kind.structure_independent - {"_derivation"})
+    used = sorted(vars(structure).keys() - kind.structure_independent - _cached(kind))
     try:
         values = tuple((name, _frozen(getattr(structure, name))) for name in used)
     except TypeError:

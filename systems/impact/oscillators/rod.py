@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, field
 from functools import cached_property
-from typing import TYPE_CHECKING, ClassVar
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -90,10 +90,6 @@ class ImpactRod(ImpactOscillator):
     harmonic_forces: tuple[complex, ...] = field(init=False, repr=False, default=())
     constant_forces: tuple[float, ...] = field(init=False, repr=False, default=())
     elements: tuple[Element, ...] = field(init=False, repr=False, default=())
-
-    structure_independent: ClassVar[frozenset[str]] = ImpactOscillator.structure_independent | {
-        "_chain"
-    }
 
     def __post_init__(self) -> None:
         count = positive_integer("masses", self.masses)

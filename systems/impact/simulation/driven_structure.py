@@ -48,25 +48,6 @@ _OF_STOP = "restitution", "amplitude", "offset", "side"
 OF_TABLE = (*_OF_STOP, "contact", "play")
 """Parameters of the table; with elements, they are taken from the first `HardStop`."""
 
-_CACHES = frozenset(
-    {
-        "_structure",
-        "_contact",
-        "_contacts",
-        "_crossed",
-        "_excitation",
-        "_stops",
-        "_soft",
-        "_sliders",
-        "_free",
-        "_gaps",
-        "_curves",
-        "_derivation",
-        "_automaton",
-        "_default_start",
-    }
-)
-
 
 @dataclass(frozen=True, kw_only=True)
 class DrivenStructure(LagrangianStructure):
@@ -90,19 +71,12 @@ class DrivenStructure(LagrangianStructure):
     chatter_tolerance: float = 1e-16
     elements: Any = ()  # kept as a tuple
 
-    structure_independent: ClassVar[frozenset[str]] = _CACHES | {
-        "frequency",
-        "restitution",
-        "amplitude",
-        "offset",
-        "contact",
-        "side",
-        "play",
-        "harmonic_forces",
-        "constant_forces",
-        "chatter_tolerance",
-        "elements",
-    }
+    structure_independent: ClassVar[frozenset[str]] = frozenset(
+        (
+            *OF_TABLE,
+            *("frequency", "harmonic_forces", "constant_forces", "chatter_tolerance", "elements"),
+        )
+    )
 
     def __post_init__(self) -> None:
         if self.elements != ():
@@ -139,9 +113,6 @@ class DrivenStructure(LagrangianStructure):
 
     def _set(self, name: str, value: object) -> None:
         object.__setattr__(self, name, value)
-
-    def __getstate__(self) -> dict[str, object]:
-        return {k: v for k, v in super().__getstate__().items() if k not in _CACHES}
 
     @property
     def dimension(self) -> int:
