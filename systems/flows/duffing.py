@@ -57,15 +57,13 @@ class Duffing(IntegratedFlow):
     force: float = 0.5
     frequency: float = 1.2
 
+    dimension = 3
+
     def __post_init__(self) -> None:
         super().__post_init__()
         for name in ("damping", "stiffness", "cubic", "force"):
             object.__setattr__(self, name, finite_scalar(name, getattr(self, name)))
         object.__setattr__(self, "frequency", positive("frequency", self.frequency))
-
-    @property
-    def dimension(self) -> int:
-        return 3
 
     def velocity(self, state: Array) -> Array:
         x, v, phase = finite_array("state", state, (3,)).tolist()

@@ -15,7 +15,7 @@ from dynkit.core.no_motion import CannotFollow
 from dynkit.core.validation import Array, finite_array, in_interval, non_negative, one_of, positive
 from dynkit.dynamics.flow import Basis, Crossing, Flow, Part, every_direction
 from dynkit.systems.flows.crossings import Search
-from dynkit.systems.flows.integration import METHODS, Solver, Velocity, integrated_steps, steps
+from dynkit.systems.flows.integration import METHODS, Velocity, integrate, integrated_steps, steps
 
 if TYPE_CHECKING:
     from dynkit.dynamics.section import PoincareSection
@@ -263,25 +263,10 @@ class IntegratedFlow(Flow):
     def _integrated(
         self, velocity: Velocity, start: Array, duration: float, tolerance: float
     ) -> Array:
-        end = start.copy()
-        if non_negative("duration", duration) > 0.0:
-            for solver in self._steps(velocity, start, duration, tolerance):
-                end = np.array(solver.y)
-        return end
-
-    def _steps(
-        self,
-        velocity: Velocity,
-        start: Array,
-        duration: float,
-        tolerance: float,
-    ) -> Iterator[Solver]:
+        plain = len(start) == self.dimension
+        how = {"method": self.method, "jacobian": self.velocity_jacobian if plain else None}
         try:
-            plain = len(start) == self.dimension
-            jacobian = self.velocity_jacobian if plain else None
-            yield from steps(
-                velocity, start, duration, tolerance, method=self.method, jacobian=jacobian
-            )
+            return integrate(velocity, start, non_negative("duration", duration), tolerance, **how)
         except CannotFollow as end:
             raise CannotFollow(
                 f"the motion from {start[: self.dimension].tolist()} cannot be followed for "

@@ -48,14 +48,12 @@ class Lorenz(IntegratedFlow):
     rho: float = 28.0
     beta: float = 8.0 / 3.0
 
+    dimension = 3
+
     def __post_init__(self) -> None:
         super().__post_init__()
         for name in ("sigma", "rho", "beta"):
             object.__setattr__(self, name, finite_scalar(name, getattr(self, name)))
-
-    @property
-    def dimension(self) -> int:
-        return 3
 
     def velocity(self, state: Array) -> Array:
         x, y, z = finite_array("state", state, (3,)).tolist()

@@ -43,14 +43,12 @@ class Rossler(IntegratedFlow):
     b: float = 0.2
     c: float = 5.7
 
+    dimension = 3
+
     def __post_init__(self) -> None:
         super().__post_init__()
         for name in ("a", "b", "c"):
             object.__setattr__(self, name, finite_scalar(name, getattr(self, name)))
-
-    @property
-    def dimension(self) -> int:
-        return 3
 
     def velocity(self, state: Array) -> Array:
         x, y, z = finite_array("state", state, (3,)).tolist()
