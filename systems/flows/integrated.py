@@ -264,7 +264,8 @@ class IntegratedFlow(Flow):
         self, velocity: Velocity, start: Array, duration: float, tolerance: float
     ) -> Array:
         plain = len(start) == self.dimension
-        how = {"method": self.method, "jacobian": self.velocity_jacobian if plain else None}
+        jacobian = self.velocity_jacobian if plain else None
+        how: dict[str, Any] = {"method": self.method, "jacobian": jacobian}
         try:
             return integrate(velocity, start, non_negative("duration", duration), tolerance, **how)
         except CannotFollow as end:

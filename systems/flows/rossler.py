@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from dynkit.core.validation import Array, finite_array, finite_scalar
+from dynkit.core.validation import Array, check_fields, finite_array, finite_scalar
 from dynkit.systems.flows.integrated import IntegratedFlow
 
 
@@ -47,8 +47,7 @@ class Rossler(IntegratedFlow):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        for name in ("a", "b", "c"):
-            object.__setattr__(self, name, finite_scalar(name, getattr(self, name)))
+        check_fields(self, a=finite_scalar, b=finite_scalar, c=finite_scalar)
 
     def velocity(self, state: Array) -> Array:
         x, y, z = finite_array("state", state, (3,)).tolist()

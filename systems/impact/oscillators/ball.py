@@ -6,7 +6,7 @@ import math
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, ClassVar
 
-from dynkit.core.validation import positive
+from dynkit.core.validation import check_fields, positive
 from dynkit.systems.impact.elements.element import Element
 from dynkit.systems.impact.oscillators.oscillator import ImpactOscillator
 
@@ -79,7 +79,7 @@ class BouncingBall(ImpactOscillator):
     }
 
     def __post_init__(self) -> None:
-        self._set("gravity", positive("gravity", self.gravity))
+        check_fields(self, gravity=positive)
         self._set("constant_forces", (-self.gravity,))
         super().__post_init__()
 

@@ -6,7 +6,7 @@ import math
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, ClassVar
 
-from dynkit.core.validation import finite_scalar, non_negative, positive
+from dynkit.core.validation import check_fields, finite_scalar, non_negative, positive
 from dynkit.systems.impact.elements.element import Element
 from dynkit.systems.impact.oscillators.oscillator import ImpactOscillator
 from dynkit.systems.impact.simulation.state import ImpactState
@@ -83,10 +83,8 @@ class PlayOscillator(ImpactOscillator):
     }
 
     def __post_init__(self) -> None:
-        self._set("play", positive("play", self.play))
-        self._set("spring", non_negative("spring", self.spring))
-        self._set("damping", non_negative("damping", self.damping))
-        self._set("force", finite_scalar("force", self.force))
+        check_fields(self, play=positive, spring=non_negative, damping=non_negative)
+        check_fields(self, force=finite_scalar)
         self._set("offset", -0.5 * self.play)
         self._set("harmonic_forces", (complex(self.force),))
         super().__post_init__()

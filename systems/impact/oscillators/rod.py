@@ -9,7 +9,14 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from dynkit.core.validation import Array, finite_array, non_negative, positive, positive_integer
+from dynkit.core.validation import (
+    Array,
+    check_fields,
+    finite_array,
+    non_negative,
+    positive,
+    positive_integer,
+)
 from dynkit.systems.impact.elements.element import Element, EventKind
 from dynkit.systems.impact.oscillators.oscillator import ImpactOscillator
 from dynkit.systems.impact.simulation.state import Motion
@@ -101,9 +108,8 @@ class ImpactRod(ImpactOscillator):
             if kept > count - 1:
                 raise ValueError(f"kept_modes must be at most {count - 1}; got {kept}")
             self._set("kept_modes", kept)
-        for name in ("length", "wave_speed", "density"):
-            self._set(name, positive(name, getattr(self, name)))
-        self._set("damping", non_negative("damping", self.damping))
+        check_fields(self, length=positive, wave_speed=positive, density=positive)
+        check_fields(self, damping=non_negative)
         if self.far_end not in ("fixed", "free"):
             raise ValueError(f"far_end must be 'fixed' or 'free'; got {self.far_end!r}")
         super().__post_init__()

@@ -6,7 +6,7 @@ import math
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, ClassVar
 
-from dynkit.core.validation import finite_scalar, non_negative
+from dynkit.core.validation import check_fields, finite_scalar, non_negative
 from dynkit.systems.impact.elements.element import Element
 from dynkit.systems.impact.oscillators.oscillator import ImpactOscillator
 from dynkit.systems.impact.simulation.state import ImpactState
@@ -82,9 +82,7 @@ class SingleImpactOscillator(ImpactOscillator):
     }
 
     def __post_init__(self) -> None:
-        self._set("damping_ratio", non_negative("damping_ratio", self.damping_ratio))
-        self._set("force", non_negative("force", self.force))
-        self._set("stop", finite_scalar("stop", self.stop))
+        check_fields(self, damping_ratio=non_negative, force=non_negative, stop=finite_scalar)
         self._set("offset", self.stop)
         self._set("harmonic_forces", (1j * self.force,))
         super().__post_init__()

@@ -11,6 +11,7 @@ import numpy as np
 
 from dynkit.core.validation import (
     Array,
+    check_fields,
     finite_array,
     finite_scalar,
     index_in,
@@ -81,15 +82,13 @@ class DrivenStructure(LagrangianStructure):
     def __post_init__(self) -> None:
         if self.elements != ():
             self._compose()
-        self._set("frequency", positive("frequency", self.frequency))
-        self._set("restitution", checked_restitution("restitution", self.restitution))
-        self._set("amplitude", non_negative("amplitude", self.amplitude))
-        self._set("offset", finite_scalar("offset", self.offset))
+        check_fields(self, frequency=positive, restitution=checked_restitution)
+        check_fields(self, amplitude=non_negative, offset=finite_scalar)
         if self.play != math.inf:
-            self._set("play", positive("play", self.play))
+            check_fields(self, play=positive)
         if self.side not in ("above", "below"):
             raise ValueError(f"side must be 'above' or 'below'; got {self.side!r}")
-        self._set("chatter_tolerance", non_negative("chatter_tolerance", self.chatter_tolerance))
+        check_fields(self, chatter_tolerance=non_negative)
         n = positive_integer("degrees_of_freedom", self.degrees_of_freedom)
         self._set("contact", index_in("contact", self.contact, -n, n - 1))
         for name, kind in (("harmonic_forces", complex), ("constant_forces", float)):
