@@ -12,9 +12,9 @@ import numpy as np
 
 from dynkit.core.differences import numerical_derivative
 from dynkit.core.no_motion import CannotFollow
-from dynkit.core.validation import Array, finite_array, in_interval, non_negative, one_of, positive
+from dynkit.core.validation import Array, in_interval, non_negative, one_of
 from dynkit.dynamics.flow import Basis, Crossing, Flow, Part, every_direction
-from dynkit.systems.flows.crossings import Search
+from dynkit.systems.flows.crossings import Search, checked_search
 from dynkit.systems.flows.integration import METHODS, Velocity, integrate, integrated_steps, steps
 
 if TYPE_CHECKING:
@@ -247,18 +247,10 @@ class IntegratedFlow(Flow):
         return self._integrated(velocity, start, duration, self.tolerance)[d:]
 
     def next_crossing(self, state: Array, section: PoincareSection, time_limit: float) -> Crossing:
-        start = self._checked(state)
-        if section.dimension != self.dimension:
-            raise ValueError(
-                f"section must have the flow's dimension {self.dimension}; got {section.dimension}"
-            )
-        limit = positive("time_limit", time_limit)
+        start, limit = checked_search(self, state, section, time_limit)
         how: dict[str, Any] = {"method": self.method, "jacobian": self.velocity_jacobian}
         follow = partial(integrated_steps, self.velocity, self.tolerance, **how)
         return Search(self.velocity, section, follow).first(start, limit)
-
-    def _checked(self, state: Array) -> Array:
-        return finite_array("state", state, (self.dimension,))
 
     def _integrated(
         self, velocity: Velocity, start: Array, duration: float, tolerance: float

@@ -5,12 +5,13 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections import OrderedDict
 from collections.abc import Hashable
-from functools import cached_property, lru_cache
+from functools import cached_property
 from threading import RLock
 from typing import TYPE_CHECKING, ClassVar
 
 import numpy as np
 
+from dynkit.core.parameters import cached_in, without_cached
 from dynkit.core.reprs import Facts, Shown
 from dynkit.core.validation import Array, positive_integer
 from dynkit.systems.structure.definiteness import check_definite, check_semidefinite
@@ -162,15 +163,7 @@ class LagrangianStructure(Shown, ABC):
         return facts
 
     def __getstate__(self) -> dict[str, object]:
-        derived = _cached(type(self))
-        return {name: value for name, value in vars(self).items() if name not in derived}
-
-
-@lru_cache
-def _cached(kind: type) -> frozenset[str]:
-    """Return the names of the cached properties of a class, which follow from its fields."""
-    members = (pair for base in kind.__mro__ for pair in vars(base).items())
-    return frozenset(name for name, member in members if isinstance(member, cached_property))
+        return without_cached(self)
 
 
 _lock = RLock()
@@ -224,7 +217,7 @@ def _key(structure: LagrangianStructure) -> Hashable | None:
     """A key that is equal for structures with the same energies; None where none can be made."""
     kind = type(structure)
     # A dataclass's fields are among its attributes.
-    used = sorted(vars(structure).keys() - kind.structure_independent - _cached(kind))
+    used = sorted(vars(structure).keys() - kind.structure_independent - cached_in(kind))
     try:
         values = tuple((name, _frozen(getattr(structure, name))) for name in used)
     except TypeError:
