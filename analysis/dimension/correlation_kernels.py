@@ -50,52 +50,17 @@ def _distances(
     slots = points.shape[2]
     for j in range(slots):
         out[j] = least
-    n = 0
-    while n < chosen.size:
-        k = chosen[n]
+    for k in chosen:
         x = points[a, k, i]
         turn = turns[k]
-        if turn > 0.0:
-            for j in range(slots):
-                gap = abs(x - points[b, k, j])
+        for j in range(slots):
+            gap = abs(x - points[b, k, j])
+            if turn > 0.0:
                 gap = min(gap, turn - gap)
-                if euclidean:
-                    out[j] += gap * gap
-                else:
-                    out[j] = gap if gap > out[j] else out[j]
-            n += 1
-        elif n + 4 <= chosen.size and (
-            turns[chosen[n + 1]] + turns[chosen[n + 2]] + turns[chosen[n + 3]] == 0.0
-        ):
-            # four coordinates at once: fewer visits to `out`; the sum keeps its order
-            g, h, m = chosen[n + 1], chosen[n + 2], chosen[n + 3]
-            y, z, w = points[a, g, i], points[a, h, i], points[a, m, i]
             if euclidean:
-                for j in range(slots):
-                    p = x - points[b, k, j]
-                    q = y - points[b, g, j]
-                    r = z - points[b, h, j]
-                    s = w - points[b, m, j]
-                    out[j] = (((out[j] + p * p) + q * q) + r * r) + s * s
+                out[j] += gap * gap
             else:
-                for j in range(slots):
-                    p = abs(x - points[b, k, j])
-                    q = abs(y - points[b, g, j])
-                    r = abs(z - points[b, h, j])
-                    s = abs(w - points[b, m, j])
-                    p = p if p > q else q
-                    r = r if r > s else s
-                    p = p if p > r else r
-                    out[j] = p if p > out[j] else out[j]
-            n += 4
-        else:
-            for j in range(slots):
-                gap = abs(x - points[b, k, j])
-                if euclidean:
-                    out[j] += gap * gap
-                else:
-                    out[j] = gap if gap > out[j] else out[j]
-            n += 1
+                out[j] = gap if gap > out[j] else out[j]
 
 
 @kernel()

@@ -89,10 +89,9 @@ class CriticalMultiplier(Condition):
         return null / np.linalg.norm(null) * self._units
 
     def residual(self, x: Array, own: Array, p: Array) -> Array:
-        return self._equations(_last_column(self._bordered(x, own, p))[-1]) / self.unit
-
-    def _equations(self, g: Any) -> Array:
-        return np.array([g.real])
+        g = _last_column(self._bordered(x, own, p))[-1]
+        # it is real where the multiplier is
+        return np.array([g.real, g.imag])[: 1 + self.unknowns] / self.unit
 
     def _bordered(self, x: Array, own: Array, p: Array) -> Any:
         matrix = self._scaled(x, p, self.multiplier(own))
@@ -139,9 +138,6 @@ class NeimarkSacker(CriticalMultiplier):
     def multiplier(self, own: Array) -> complex:
         return complex(np.exp(1j * own[0]))
 
-    def _equations(self, g: Any) -> Array:
-        return np.array([g.real, g.imag])
-
 
 @final
 class Resonance(CriticalMultiplier):
@@ -162,9 +158,6 @@ class Resonance(CriticalMultiplier):
     def multiplier(self, own: Array) -> complex:
         return complex(own[0] * np.exp(2j * np.pi * self.fraction))
 
-    def _equations(self, g: Any) -> Array:
-        return np.array([g.real, g.imag])
-
 
 @final
 class Hopf(CriticalMultiplier):
@@ -174,9 +167,6 @@ class Hopf(CriticalMultiplier):
 
     def multiplier(self, own: Array) -> complex:
         return complex(1j * own[0])
-
-    def _equations(self, g: Any) -> Array:
-        return np.array([g.real, g.imag])
 
 
 @final

@@ -3,7 +3,7 @@
 import dataclasses
 import inspect
 from collections.abc import Mapping
-from functools import lru_cache
+from functools import cached_property, lru_cache
 from typing import Any, ClassVar, Self, cast, final, get_origin
 
 import numpy as np
@@ -79,6 +79,19 @@ class Family(Shown):
             raise TypeError(f"{type(self).__name__} has parameters but does not define `replace`")
         changed: Self = dataclasses.replace(cast("Any", self), **parameters)
         return changed
+
+
+@lru_cache
+def cached_in(kind: type) -> frozenset[str]:
+    """Return the names of the cached properties of a class, which follow from its fields."""
+    members = (pair for base in kind.__mro__ for pair in vars(base).items())
+    return frozenset(name for name, member in members if isinstance(member, cached_property))
+
+
+def without_cached(instance: object) -> dict[str, Any]:
+    """Return the attributes of an object that are no cached properties, for pickle."""
+    kind: Any = type(instance)
+    return {name: v for name, v in vars(instance).items() if name not in cached_in(kind)}
 
 
 def _make_dataclass(cls: type) -> None:

@@ -5,7 +5,7 @@ Booleans, strings and NaN are refused as numbers; NumPy's scalars are numbers.
 
 import math
 import os
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from functools import cache
 from typing import Any, TypeAlias, TypeGuard, TypeVar
 
@@ -336,6 +336,25 @@ def read_only(array: NDArray[_Scalar]) -> NDArray[_Scalar]:
     """Make an array read-only in place, and return it."""
     array.setflags(write=False)
     return array
+
+
+def check_fields(instance: object, **checks: Callable[[str, Any], Any]) -> None:
+    """Replace fields of a frozen dataclass by what the check of each one returns.
+
+    Examples
+    --------
+    >>> from dataclasses import dataclass
+    >>> @dataclass(frozen=True)
+    ... class Spring:
+    ...     stiffness: float
+    ...
+    ...     def __post_init__(self):
+    ...         check_fields(self, stiffness=positive)
+    >>> Spring(2)
+    Spring(stiffness=2.0)
+    """
+    for name, check in checks.items():
+        object.__setattr__(instance, name, check(name, getattr(instance, name)))
 
 
 def _is_column(lengths: tuple[int, ...], shape: tuple[int | None, ...]) -> bool:

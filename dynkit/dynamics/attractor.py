@@ -130,8 +130,7 @@ class Attractor(Tabled, ABC):
     @property
     def _known_label(self) -> OrbitLabel | None:
         """The label, if it was computed before."""
-        found = getattr(self, "__dict__", {})
-        label: OrbitLabel | None = found.get("label", found.get("_label"))
+        label: OrbitLabel | None = getattr(self, "__dict__", {}).get("label")
         return label
 
     def __repr__(self) -> str:

@@ -177,13 +177,16 @@ class Flow(Family, ABC):
         def velocity(self, state: Array) -> Array:
             """Return the rate of change, (d,), of a state, (d,)."""
 
+    def _checked(self, state: Array) -> Array:
+        return finite_array("state", state, (self.dimension,))
+
     def velocity_jacobian(self, state: Array) -> Array:
         """Return the derivative, (d, d), of the velocity at a state, (d,)."""
         return self._velocity_differences(state)[0]
 
     def _velocity_differences(self, state: Array) -> tuple[Array, Array]:
         """Return the derivative, (d, d), of the velocity by differences, and its error."""
-        here = finite_array("state", state, (self.dimension,))
+        here = self._checked(state)
         return numerical_derivative(self.velocity, here)
 
     @property
@@ -208,7 +211,7 @@ class Flow(Family, ABC):
 
     def integral_gradient(self, name: str, state: Array) -> Array:
         """Return the derivative, (d,), of one of the `integrals` at a state, (d,)."""
-        here = finite_array("state", state, (self.dimension,))
+        here = self._checked(state)
         rows, _ = numerical_derivative(lambda at: np.array([self.integral(name, at)]), here)
         return np.asarray(rows[0])
 
@@ -246,7 +249,7 @@ class Flow(Family, ABC):
                 raise Diverged(f"the motion from {start.tolist()} runs away within {duration}")
             return end
 
-        here = finite_array("state", state, (self.dimension,))
+        here = self._checked(state)
         return numerical_derivative(advanced, here, accuracy=self.accuracy)
 
     def parameter_derivative(self, state: Array, duration: float, name: str) -> Array:
@@ -304,7 +307,7 @@ class Flow(Family, ABC):
         """
         count = non_negative_integer("n", n)
         duration = positive("interval", interval)
-        here = finite_array("state", state, (self.dimension,))
+        here = self._checked(state)
         frame = np.eye(self.dimension)
         logs, errors = np.empty((2, count, self.dimension))
         for i in range(count):

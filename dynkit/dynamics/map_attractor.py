@@ -106,12 +106,8 @@ class MapAttractor(Attractor):
     def states(self) -> Array:
         return self._states
 
-    @property
-    def label(self) -> OrbitLabel:
-        return self._label
-
     @cached_property
-    def _label(self) -> OrbitLabel:
+    def label(self) -> OrbitLabel:
         orbit = _MapOrbit(self._system, self._states)
         return orbit.judged(label_orbit(orbit, kept=len(self._states)))
 
@@ -133,7 +129,7 @@ class MapAttractor(Attractor):
     def cost(self) -> Cost:
         return self._cost
 
-    @property
+    @cached_property
     def error(self) -> float:
         """Estimate of the largest distance of a kept state from the exact one.
 
@@ -144,10 +140,6 @@ class MapAttractor(Attractor):
         periodic orbit. In chaos it is as large as the attractor: single states cannot be computed,
         only their distribution. It is infinite when a disturbed run diverges or has no next state.
         """
-        return self._error
-
-    @cached_property
-    def _error(self) -> float:
         worst = 2.0**-52 * float(np.linalg.norm(self._states, axis=1).max())
         return max(worst, *map(self._parted, range(_TWINS)))
 

@@ -11,6 +11,7 @@ import numpy as np
 from dynkit.core.no_motion import NoCrossing, TangentCrossing
 from dynkit.core.validation import (
     Array,
+    check_fields,
     finite_array,
     finite_scalar,
     non_negative,
@@ -90,8 +91,7 @@ class PoincareMap(Map):
                 f"section must have the flow's dimension {self.flow.dimension}; "
                 f"got {self.section.dimension}"
             )
-        object.__setattr__(self, "time_limit", positive("time_limit", self.time_limit))
-        object.__setattr__(self, "least_rate", non_negative("least_rate", self.least_rate))
+        check_fields(self, time_limit=positive, least_rate=non_negative)
         if self.level is not None:
             name, value = self.level
             one_of("level", name, self.flow.integrals)

@@ -203,8 +203,7 @@ class Pairs:
         rows = np.empty((count, *row.shape))
         rows[0] = row
         for here, there in pairwise(rows):
-            there[0] = here[0] * g[0] + here[1] * g[2]
-            there[1] = here[0] * g[1] + here[1] * g[3]
+            there[:] = here[0] * g[:2] + here[1] * g[2:]
             if target.size:
                 np.add.at(there[0], source, here[0, target] * b[0] + here[1, target] * b[2])
                 np.add.at(there[1], source, here[0, target] * b[1] + here[1, target] * b[3])

@@ -44,6 +44,10 @@ class Stack:
             self._widen(name, count, self._rooms[name][0])
         return self._rooms[name][:count]
 
+    def all(self, count: int) -> dict[str, Any]:
+        """Return the first `count` arrays of every name."""
+        return {name: self.take(name, count) for name in self._rooms}
+
     def drop(self, name: str) -> None:
         """Delete the arrays of this name."""
         self._rooms.pop(name, None)

@@ -15,20 +15,11 @@ import numpy as np
 
 from dynkit.core.cost import Cost
 from dynkit.core.no_motion import located
-from dynkit.core.smooth_map import checked_map
-from dynkit.core.validation import (
-    Array,
-    boolean,
-    finite_array,
-    non_negative_integer,
-    positive_integer,
-    read_only,
-    within_memory,
-)
+from dynkit.core.validation import Array, finite_array, read_only
 from dynkit.data.store import identity_of, kind_of
 from dynkit.dynamics.attractor import Attractor
 from dynkit.dynamics.map import Map
-from dynkit.engine.points import MOST_POINTS, Anything, Columns, Findings, Points, Rows
+from dynkit.engine.points import Anything, Columns, Findings, Points, Rows
 from dynkit.labels.label import OrbitKind, OrbitLabel
 
 KIND = "sweep"
@@ -41,7 +32,7 @@ suffice where the largest multiplier exceeds 1.0014 per state."""
 @final
 @dataclass(frozen=True, eq=False)
 class Plan:
-    """The arguments of a sweep, checked by `plan_of`.
+    """The arguments of a sweep, checked by `sweep`.
 
     Parameters
     ----------
@@ -121,43 +112,6 @@ class Plan:
             return 0
         states = (label.iterates or 1) * -math.log(size) / math.log(label.multiplier)
         return min(math.ceil(states / (self.transient + self.keep)), _MOST_RUNS)
-
-
-def plan_of(
-    system: Map,
-    parameter: str,
-    values: object,
-    *,
-    transient: int,
-    keep: int,
-    observables: Sequence[str] | None,
-    start: object,
-    follow: bool,
-) -> Plan:
-    """Check everything that can be checked without simulating.
-
-    Raises
-    ------
-    ValueError
-        When an argument is refused; the message names argument, limit and value.
-    """
-    checked_map(system, Map)
-    system.value_of(parameter)
-    array = swept_values("values", values)
-    if len(array) > MOST_POINTS:
-        raise ValueError(f"values must not be more than {MOST_POINTS}; got {len(array)}")
-    skipped = non_negative_integer("transient", transient)
-    kept = positive_integer("keep", keep)
-    names = known_names(system.observables, observables)
-    within_memory("keep", kept, 8.0 * kept * len(array) * len(names))
-    for place, value in enumerate(array.tolist()):
-        try:
-            system.replace(**{parameter: value})
-        except ValueError as refusal:
-            raise ValueError(f"{refusal} in values[{place}]") from refusal
-    packed = packed_start(system.replace(**{parameter: float(array[0])}), start)
-    following = boolean("follow", follow)
-    return Plan(system, kind_of(system), parameter, array, skipped, kept, names, packed, following)
 
 
 def swept_values(name: str, values: object) -> Array:

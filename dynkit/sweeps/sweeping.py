@@ -4,10 +4,19 @@ import os
 from collections.abc import Sequence
 from concurrent.futures import Executor
 
-from dynkit.core.validation import Array
+from dynkit.core.smooth_map import checked_map
+from dynkit.core.validation import (
+    Array,
+    boolean,
+    non_negative_integer,
+    positive_integer,
+    within_memory,
+)
+from dynkit.data.store import kind_of
 from dynkit.dynamics.map import Map
 from dynkit.engine.collecting import collect
-from dynkit.sweeps.plan import Values, plan_of
+from dynkit.engine.points import MOST_POINTS
+from dynkit.sweeps.plan import Plan, Values, known_names, packed_start, swept_values
 from dynkit.sweeps.result import Sweep
 
 
@@ -96,20 +105,28 @@ def sweep(
     >>> print(*found.labels)
     P(1,3) P(1,3) P(1,3)
     """
-    plan = plan_of(
-        system,
-        parameter,
-        values,
-        transient=transient,
-        keep=keep,
-        observables=observables,
-        start=start,
-        follow=follow,
-    )
-    if plan.follow and executor is not None:
+    checked_map(system, Map)
+    system.value_of(parameter)
+    array = swept_values("values", values)
+    if len(array) > MOST_POINTS:
+        raise ValueError(f"values must not be more than {MOST_POINTS}; got {len(array)}")
+    skipped = non_negative_integer("transient", transient)
+    kept = positive_integer("keep", keep)
+    names = known_names(system.observables, observables)
+    within_memory("keep", kept, 8.0 * kept * len(array) * len(names))
+    for place, value in enumerate(array.tolist()):
+        try:
+            system.replace(**{parameter: value})
+        except ValueError as refusal:
+            raise ValueError(f"{refusal} in values[{place}]") from refusal
+    packed = packed_start(system.replace(**{parameter: float(array[0])}), start)
+    following = boolean("follow", follow)
+    if following and executor is not None:
         raise ValueError(
             "executor must be None when each value starts from the last state of the one before "
             f"it (follow=False makes them independent); got {executor!r}"
         )
+    kind = kind_of(system)
+    plan = Plan(system, kind, parameter, array, skipped, kept, names, packed, following)
     points = Values(plan)
     return Sweep._of(points, collect(points, executor=executor, store=store, progress=progress))

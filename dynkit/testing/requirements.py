@@ -5,7 +5,8 @@ from typing import TypeAlias, TypeVar
 
 import numpy as np
 
-from dynkit.core.differences import numerical_derivative
+# the stub of the package names it among the public names
+from dynkit.core.differences import numerical_derivative as numerical_derivative  # noqa: PLC0414
 from dynkit.core.no_motion import NoMotion, Refused, replaced
 from dynkit.core.parameters import Family
 from dynkit.core.validation import Array

@@ -10,8 +10,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from dynkit.core.no_motion import CannotFollow, NoCrossing
-from dynkit.core.validation import Array
-from dynkit.dynamics.flow import Crossing
+from dynkit.core.validation import Array, positive
+from dynkit.dynamics.flow import Crossing, Flow
 from dynkit.systems.flows.integration import Step, Velocity
 
 if TYPE_CHECKING:
@@ -55,6 +55,24 @@ class Look:
         if self.value < 0.0 and after.value < 0.0:
             return self.rate > 0.0 or not (self.behind or after.behind)
         return True
+
+
+def checked_search(
+    flow: Flow, state: Array, section: PoincareSection, time_limit: float
+) -> tuple[Array, float]:
+    """Return the start and the time limit of a search, once all arguments fit the flow.
+
+    Raises
+    ------
+    ValueError
+        When the state, the dimension of the section or the time limit does not.
+    """
+    start = flow._checked(state)
+    if section.dimension != flow.dimension:
+        raise ValueError(
+            f"section must have the flow's dimension {flow.dimension}; got {section.dimension}"
+        )
+    return start, positive("time_limit", time_limit)
 
 
 @dataclass(frozen=True)

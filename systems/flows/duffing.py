@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from dynkit.core.validation import Array, finite_array, finite_scalar, positive
+from dynkit.core.validation import Array, check_fields, finite_array, finite_scalar, positive
 from dynkit.systems.flows.integrated import IntegratedFlow
 
 
@@ -57,15 +57,12 @@ class Duffing(IntegratedFlow):
     force: float = 0.5
     frequency: float = 1.2
 
+    dimension = 3
+
     def __post_init__(self) -> None:
         super().__post_init__()
-        for name in ("damping", "stiffness", "cubic", "force"):
-            object.__setattr__(self, name, finite_scalar(name, getattr(self, name)))
-        object.__setattr__(self, "frequency", positive("frequency", self.frequency))
-
-    @property
-    def dimension(self) -> int:
-        return 3
+        check_fields(self, damping=finite_scalar, stiffness=finite_scalar, cubic=finite_scalar)
+        check_fields(self, force=finite_scalar, frequency=positive)
 
     def velocity(self, state: Array) -> Array:
         x, v, phase = finite_array("state", state, (3,)).tolist()

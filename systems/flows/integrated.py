@@ -12,10 +12,10 @@ import numpy as np
 
 from dynkit.core.differences import numerical_derivative
 from dynkit.core.no_motion import CannotFollow
-from dynkit.core.validation import Array, finite_array, in_interval, non_negative, one_of, positive
+from dynkit.core.validation import Array, in_interval, non_negative, one_of
 from dynkit.dynamics.flow import Basis, Crossing, Flow, Part, every_direction
-from dynkit.systems.flows.crossings import Search
-from dynkit.systems.flows.integration import METHODS, Solver, Velocity, integrated_steps, steps
+from dynkit.systems.flows.crossings import Search, checked_search
+from dynkit.systems.flows.integration import METHODS, Velocity, integrate, integrated_steps, steps
 
 if TYPE_CHECKING:
     from dynkit.dynamics.section import PoincareSection
@@ -247,41 +247,19 @@ class IntegratedFlow(Flow):
         return self._integrated(velocity, start, duration, self.tolerance)[d:]
 
     def next_crossing(self, state: Array, section: PoincareSection, time_limit: float) -> Crossing:
-        start = self._checked(state)
-        if section.dimension != self.dimension:
-            raise ValueError(
-                f"section must have the flow's dimension {self.dimension}; got {section.dimension}"
-            )
-        limit = positive("time_limit", time_limit)
+        start, limit = checked_search(self, state, section, time_limit)
         how: dict[str, Any] = {"method": self.method, "jacobian": self.velocity_jacobian}
         follow = partial(integrated_steps, self.velocity, self.tolerance, **how)
         return Search(self.velocity, section, follow).first(start, limit)
 
-    def _checked(self, state: Array) -> Array:
-        return finite_array("state", state, (self.dimension,))
-
     def _integrated(
         self, velocity: Velocity, start: Array, duration: float, tolerance: float
     ) -> Array:
-        end = start.copy()
-        if non_negative("duration", duration) > 0.0:
-            for solver in self._steps(velocity, start, duration, tolerance):
-                end = np.array(solver.y)
-        return end
-
-    def _steps(
-        self,
-        velocity: Velocity,
-        start: Array,
-        duration: float,
-        tolerance: float,
-    ) -> Iterator[Solver]:
+        plain = len(start) == self.dimension
+        jacobian = self.velocity_jacobian if plain else None
+        how: dict[str, Any] = {"method": self.method, "jacobian": jacobian}
         try:
-            plain = len(start) == self.dimension
-            jacobian = self.velocity_jacobian if plain else None
-            yield from steps(
-                velocity, start, duration, tolerance, method=self.method, jacobian=jacobian
-            )
+            return integrate(velocity, start, non_negative("duration", duration), tolerance, **how)
         except CannotFollow as end:
             raise CannotFollow(
                 f"the motion from {start[: self.dimension].tolist()} cannot be followed for "

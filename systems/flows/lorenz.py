@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from dynkit.core.validation import Array, finite_array, finite_scalar
+from dynkit.core.validation import Array, check_fields, finite_array, finite_scalar
 from dynkit.systems.flows.integrated import IntegratedFlow
 
 
@@ -48,14 +48,11 @@ class Lorenz(IntegratedFlow):
     rho: float = 28.0
     beta: float = 8.0 / 3.0
 
+    dimension = 3
+
     def __post_init__(self) -> None:
         super().__post_init__()
-        for name in ("sigma", "rho", "beta"):
-            object.__setattr__(self, name, finite_scalar(name, getattr(self, name)))
-
-    @property
-    def dimension(self) -> int:
-        return 3
+        check_fields(self, sigma=finite_scalar, rho=finite_scalar, beta=finite_scalar)
 
     def velocity(self, state: Array) -> Array:
         x, y, z = finite_array("state", state, (3,)).tolist()

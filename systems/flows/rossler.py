@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from dynkit.core.validation import Array, finite_array, finite_scalar
+from dynkit.core.validation import Array, check_fields, finite_array, finite_scalar
 from dynkit.systems.flows.integrated import IntegratedFlow
 
 
@@ -43,14 +43,11 @@ class Rossler(IntegratedFlow):
     b: float = 0.2
     c: float = 5.7
 
+    dimension = 3
+
     def __post_init__(self) -> None:
         super().__post_init__()
-        for name in ("a", "b", "c"):
-            object.__setattr__(self, name, finite_scalar(name, getattr(self, name)))
-
-    @property
-    def dimension(self) -> int:
-        return 3
+        check_fields(self, a=finite_scalar, b=finite_scalar, c=finite_scalar)
 
     def velocity(self, state: Array) -> Array:
         x, y, z = finite_array("state", state, (3,)).tolist()

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, ClassVar
 
 import numpy as np
 
+from dynkit.core.parameters import cached_in, without_cached
 from dynkit.core.reprs import Facts, Shown
 from dynkit.core.validation import Array, positive_integer
 from dynkit.systems.structure.definiteness import check_definite, check_semidefinite
@@ -162,7 +163,7 @@ class LagrangianStructure(Shown, ABC):
         return facts
 
     def __getstate__(self) -> dict[str, object]:
-        return {name: value for name, value in vars(self).items() if name != "_derivation"}
+        return without_cached(self)
 
 
 _lock = RLock()
@@ -216,7 +217,7 @@ def _key(structure: LagrangianStructure) -> Hashable | None:
     """A key that is equal for structures with the same energies; None where none can be made."""
     kind = type(structure)
     # A dataclass's fields are among its attributes.
-    used = sorted(vars(structure).keys() - kind.structure_independent - {"_derivation"})
+    used = sorted(vars(structure).keys() - kind.structure_independent - cached_in(kind))
     try:
         values = tuple((name, _frozen(getattr(structure, name))) for name in used)
     except TypeError:

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any, final
 
 import numpy as np
 
-from dynkit.core.parameters import Family
+from dynkit.core.parameters import Family, without_cached
 from dynkit.core.validation import Array, finite_array
 from dynkit.systems.symbolic.derivation import (
     Structure,
@@ -28,14 +28,7 @@ class CodedFamily(Family):
         checked_parameters(self)
 
     def __getstate__(self) -> dict[str, Any]:
-        """Return what was given; what was made of it is made anew where it arrives."""
-        made = {
-            name
-            for kind in type(self).__mro__
-            for name, value in vars(kind).items()
-            if isinstance(value, cached_property)
-        }
-        return {name: value for name, value in vars(self).items() if name not in made}
+        return without_cached(self)
 
     @cached_property
     def _numbers(self) -> Array:
@@ -48,6 +41,11 @@ class CodedFamily(Family):
         here, out = finite_array("state", state, (self.dimension,)), np.empty(shape)
         kernels.apply(code.address, np.ascontiguousarray(here), self._numbers, out)
         return out
+
+    def _tangent(self, program: Program, state: Array) -> Array:
+        """Return the derivative, (d, d), of d expressions by the state."""
+        d = self.dimension
+        return self._filled(program.tangent, state, (d + 1, d))[1:].copy()
 
     def _by_parameter(self, program: Program, state: Array, name: str) -> Array:
         """The derivative, (d,), of a program's expressions by a parameter."""

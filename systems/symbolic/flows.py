@@ -14,7 +14,6 @@ from dynkit.core.no_motion import CannotFollow, NoCrossing
 from dynkit.core.stretching import Stretching
 from dynkit.core.validation import (
     Array,
-    finite_array,
     non_negative,
     non_negative_integer,
     one_of,
@@ -22,7 +21,7 @@ from dynkit.core.validation import (
 )
 from dynkit.dynamics.flow import Crossing, Flow, Part
 from dynkit.dynamics.section import Stroboscope
-from dynkit.systems.flows.crossings import ON_SECTION, Search
+from dynkit.systems.flows.crossings import ON_SECTION, Search, checked_search
 from dynkit.systems.symbolic.derivation import coordinate_names
 from dynkit.systems.symbolic.family import CodedFamily, Program, program_of
 
@@ -117,8 +116,7 @@ class SymbolicFlow(CodedFamily, Flow):
         return 128.0 * _ROUNDING
 
     def velocity_jacobian(self, state: Array) -> Array:
-        d = self.dimension
-        return self._filled(self._program.tangent, state, (d + 1, d))[1:].copy()
+        return self._tangent(self._program, state)
 
     def velocity_parameter_derivative(self, state: Array, name: str) -> Array:
         return self._by_parameter(self._program, state, name)
@@ -214,12 +212,7 @@ class SymbolicFlow(CodedFamily, Flow):
         return self._taylor.by_parameter(self._numbers, self._checked(state), length, place)
 
     def next_crossing(self, state: Array, section: PoincareSection, time_limit: float) -> Crossing:
-        start = self._checked(state)
-        if section.dimension != self.dimension:
-            raise ValueError(
-                f"section must have the flow's dimension {self.dimension}; got {section.dimension}"
-            )
-        limit = positive("time_limit", time_limit)
+        start, limit = checked_search(self, state, section, time_limit)
         if isinstance(section, Stroboscope) and self._is_clock:
             rate = float(self.velocity(start)[-1])
             if rate > 0.0:
@@ -283,17 +276,6 @@ class SymbolicFlow(CodedFamily, Flow):
             product = product @ derivative
             size = max(size, float(np.linalg.norm(product, 2)))
         return Part(here, product, size, self.accuracy * size)
-
-    def _checked(self, state: Array) -> Array:
-        return finite_array("state", state, (self.dimension,))
-
-    @property
-    def _by_differences(self) -> bool:
-        return False
-
-    @property
-    def _velocity_by_differences(self) -> bool:
-        return False
 
     @property
     def _coordinates(self) -> tuple[str, ...]:

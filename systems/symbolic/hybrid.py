@@ -73,8 +73,7 @@ class SymbolicHybridFlow(SymbolicFlow, HybridFlow):
         return float(self._by_parameter(self._method("guard", scalar=True), state, name)[0])
 
     def reset_jacobian(self, state: Array) -> Array:
-        d = self.dimension
-        return self._filled(self._method("reset").tangent, state, (d + 1, d))[1:].copy()
+        return self._tangent(self._method("reset"), state)
 
     def reset_parameter_derivative(self, state: Array, name: str) -> Array:
         return self._by_parameter(self._method("reset"), state, name)

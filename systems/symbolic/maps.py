@@ -147,8 +147,7 @@ class SymbolicMap(CompiledMap):
     """
 
     def jacobian(self, state: Array) -> Array:
-        d = self.dimension
-        return self._filled(self._program.tangent, state, (d + 1, d))[1:].copy()
+        return self._tangent(self._program, state)
 
     def parameter_derivative(self, state: Array, name: str) -> Array:
         return self._by_parameter(self._program, state, name)

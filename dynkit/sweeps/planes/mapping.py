@@ -6,10 +6,13 @@ import os
 from collections.abc import Mapping, Sequence
 from concurrent.futures import Executor
 
-from dynkit.core.validation import Array
+from dynkit.core.smooth_map import checked_map
+from dynkit.core.validation import Array, non_negative_integer, positive_integer, within_memory
+from dynkit.data.store import kind_of
 from dynkit.dynamics.map import Map
 from dynkit.engine.collecting import collect
-from dynkit.sweeps.planes.plan import Grid, plan_of
+from dynkit.sweeps.plan import known_names, packed_start
+from dynkit.sweeps.planes.plan import Grid, Plan, axes_of
 from dynkit.sweeps.planes.result import ParameterMap
 
 
@@ -79,14 +82,21 @@ def parameter_map(
     >>> found.names.tolist()
     [['P(1)', 'P(1)'], ['P(2)', 'P(4)'], ['P(2)', 'chaotic']]
     """
-    plan, axes = plan_of(
+    axes = axes_of(checked_map(system, Map), values)
+    origin = {name: float(axis[0]) for name, axis in axes.items()}
+    (first, one), (second, other) = origin.items()
+    packed = packed_start(system.replace(**origin), start)
+    kept = positive_integer("keep", keep)
+    plan = Plan(
         system,
-        values,
-        transient=transient,
-        keep=keep,
-        observables=observables,
-        exponents=exponents,
-        start=start,
+        kind_of(system),
+        (first, second),
+        non_negative_integer("transient", transient),
+        within_memory("keep", kept, 8.0 * kept),
+        known_names(system.observables, observables),
+        non_negative_integer("exponents", exponents),
+        packed,
+        (one, other),
     )
-    grid = Grid(plan, axes)
+    grid = Grid(plan, (axes[first], axes[second]))
     return ParameterMap._of(grid, collect(grid, executor=executor, store=store, progress=progress))

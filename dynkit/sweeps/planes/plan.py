@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import time
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from typing import final
 
@@ -12,19 +12,13 @@ import numpy as np
 
 from dynkit.core.cost import Cost
 from dynkit.core.no_motion import NoMotion, Refused, replaced
-from dynkit.core.smooth_map import checked_map
-from dynkit.core.validation import (
-    Array,
-    non_negative_integer,
-    positive_integer,
-    within_memory,
-)
+from dynkit.core.validation import Array
 from dynkit.data.store import identity_of, kind_of
 from dynkit.dynamics.attractor import Attractor
 from dynkit.dynamics.map import Map
 from dynkit.engine.points import MOST_POINTS, Anything, Columns, Findings, Points, Rows
 from dynkit.labels.columns import COLUMNS, empty_columns, put_label
-from dynkit.sweeps.plan import known_names, packed_start, start_of, swept_values
+from dynkit.sweeps.plan import start_of, swept_values
 
 KIND = "map of two parameters"
 
@@ -37,7 +31,7 @@ OTHER_ENDS = {NO_MOTION: "no motion", REFUSED: "refused"}
 @final
 @dataclass(frozen=True, eq=False)
 class Plan:
-    """The arguments of a map of two parameters, checked by `plan_of`; small and picklable.
+    """The arguments of a map of two parameters, checked by `parameter_map`; small and picklable.
 
     Parameters
     ----------
@@ -131,24 +125,14 @@ def largest_exponent(attractor: Attractor, count: int) -> float:
     return float(stretching.logs[count // 4 :, 0].mean())
 
 
-def plan_of(
-    system: Map,
-    values: object,
-    *,
-    transient: int,
-    keep: int,
-    observables: Sequence[str] | None,
-    exponents: int,
-    start: object,
-) -> tuple[Plan, tuple[Array, Array]]:
-    """Check everything that can be checked without simulating, and return the plan and the values.
+def axes_of(family: Map, values: object) -> dict[str, Array]:
+    """Return the values of two parameters by name, checked without simulating.
 
     Raises
     ------
     ValueError
-        When an argument is refused; the message names argument, limit and value.
+        When a value is refused; the message names argument, limit and value.
     """
-    family = checked_map(system, Map)
     if not isinstance(values, Mapping) or len(values) != 2:
         raise ValueError(f"values must hold the values of two parameters by name; got {values!r}")
     first, second = values
@@ -174,20 +158,7 @@ def plan_of(
             except Refused as refusal:
                 at = _places_of(family, (name, value, place), (other, beside))
                 raise ValueError(f"{refusal} in {at}") from refusal
-    packed = packed_start(family.replace(**dict(zip(values, origin, strict=True))), start)
-    kept = positive_integer("keep", keep)
-    plan = Plan(
-        family,
-        kind_of(system),
-        (first, second),
-        non_negative_integer("transient", transient),
-        within_memory("keep", kept, 8.0 * kept),
-        known_names(family.observables, observables),
-        non_negative_integer("exponents", exponents),
-        packed,
-        origin,
-    )
-    return plan, axes
+    return {first: axes[0], second: axes[1]}
 
 
 def _places_of(family: Map, one: tuple[str, float, int], other: tuple[str, float]) -> str:

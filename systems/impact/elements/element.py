@@ -13,6 +13,7 @@ import numpy as np
 
 from dynkit.core.validation import (
     Array,
+    check_fields,
     finite_array,
     finite_scalar,
     index_in,
@@ -172,12 +173,7 @@ class Element(ABC):
     name: str = ""
 
     def __post_init__(self) -> None:
-        for name, check in (
-            ("offset", finite_scalar),
-            ("amplitude", non_negative),
-            ("phase", finite_scalar),
-        ):
-            self._set(name, check(name, getattr(self, name)))
+        check_fields(self, offset=finite_scalar, amplitude=non_negative, phase=finite_scalar)
         one_of("side", self.side, ("above", "below"))
         if self.name and not str(self.name).isidentifier():
             raise ValueError(f"name must be a name like 'table'; got {self.name!r}")

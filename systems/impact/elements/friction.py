@@ -6,7 +6,7 @@ from dataclasses import KW_ONLY, dataclass, replace
 from functools import cached_property
 from typing import final
 
-from dynkit.core.validation import finite_scalar, non_negative
+from dynkit.core.validation import check_fields, finite_scalar, non_negative
 from dynkit.systems.impact.elements.element import HALT, JUMP, Element, Regime, Watch
 
 TURNED = (0, 2, 1, 3)
@@ -98,15 +98,14 @@ class DryFriction(Element):
                 f"got {self.force!r} and {self.coefficient!r}"
             )
         kinetic = "force" if self.coefficient is None else "coefficient"
-        self._set(kinetic, non_negative(kinetic, getattr(self, kinetic)))
+        check_fields(self, **{kinetic: non_negative})
         if type(self.normal) is not str or bool(self.normal) is (self.coefficient is None):
             raise ValueError(
                 f"normal must name a hard stop, beside a coefficient only; got {self.normal!r}"
             )
-        for name in ("velocity", "slope"):
-            self._set(name, finite_scalar(name, getattr(self, name)))
+        check_fields(self, velocity=finite_scalar, slope=finite_scalar)
         if self.static is not None:
-            self._set("static", finite_scalar("static", self.static))
+            check_fields(self, static=finite_scalar)
         if self.most < self.kinetic:
             raise ValueError(
                 f"static must not be less than the {kinetic} {self.kinetic}; got {self.static}"

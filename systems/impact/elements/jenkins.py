@@ -8,7 +8,13 @@ from typing import Any, final
 
 import numpy as np
 
-from dynkit.core.validation import finite_scalar, non_negative, positive, positive_integer
+from dynkit.core.validation import (
+    check_fields,
+    finite_scalar,
+    non_negative,
+    positive,
+    positive_integer,
+)
 from dynkit.systems.impact.elements.element import JUMP, SWITCH, Element, Regime, Watch
 
 
@@ -59,12 +65,7 @@ class Jenkins(Element):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        for name, check in (
-            ("stiffness", positive),
-            ("force", positive),
-            ("velocity", finite_scalar),
-        ):
-            self._set(name, check(name, getattr(self, name)))
+        check_fields(self, stiffness=positive, force=positive, velocity=finite_scalar)
 
     @property
     def drift(self) -> float:

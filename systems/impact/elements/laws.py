@@ -12,7 +12,7 @@ from typing import Any, TypeAlias, final
 
 import numpy as np
 
-from dynkit.core.validation import Array, finite_scalar, in_interval, non_negative
+from dynkit.core.validation import Array, check_fields, finite_scalar, in_interval, non_negative
 
 JUMP = 2.0**-40
 """A law jumps where it changes within this part of a velocity by more than its slope predicts."""
@@ -57,8 +57,7 @@ class ImpactLaw(ABC):
     """
 
     def __post_init__(self) -> None:
-        for name in self.numbers:
-            object.__setattr__(self, name, finite_scalar(name, getattr(self, name)))
+        check_fields(self, **dict.fromkeys(self.numbers, finite_scalar))
 
     @abstractmethod
     def expression(self, velocity: Any) -> Any:
@@ -291,8 +290,7 @@ class ViscoelasticSpheres(ImpactLaw):
     second: float = 0.0
 
     def __post_init__(self) -> None:
-        for name, value in self.numbers.items():
-            object.__setattr__(self, name, non_negative(name, value))
+        check_fields(self, **dict.fromkeys(self.numbers, non_negative))
 
     def expression(self, velocity: Any) -> Any:
         from sympy import Max, Rational

@@ -6,7 +6,7 @@ from dataclasses import KW_ONLY, dataclass
 from functools import cached_property
 from typing import final
 
-from dynkit.core.validation import non_negative
+from dynkit.core.validation import check_fields, non_negative
 from dynkit.systems.impact.elements.element import IMPACT, RELEASED, REST, Element, Regime, Watch
 from dynkit.systems.impact.elements.laws import Restitution, checked_restitution
 
@@ -45,7 +45,7 @@ class HardStop(Element):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        self._set("restitution", checked_restitution("restitution", self.restitution))
+        check_fields(self, restitution=checked_restitution)
 
     @property
     def regimes(self) -> tuple[Regime, ...]:
@@ -96,8 +96,7 @@ class SoftStop(Element):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        for name in ("stiffness", "damping", "preload"):
-            self._set(name, non_negative(name, getattr(self, name)))
+        check_fields(self, stiffness=non_negative, damping=non_negative, preload=non_negative)
         if self.stiffness == self.damping == self.preload == 0.0:
             raise ValueError("stiffness must be positive where damping and preload are 0; got 0.0")
 

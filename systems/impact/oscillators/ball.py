@@ -6,16 +6,15 @@ import math
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, ClassVar
 
-from dynkit.core.validation import positive
-from dynkit.systems.impact.elements.element import Element
-from dynkit.systems.impact.oscillators.oscillator import ImpactOscillator
+from dynkit.core.validation import check_fields, positive
+from dynkit.systems.impact.oscillators.one_mass import OneMass
 
 if TYPE_CHECKING:
     import sympy
 
 
 @dataclass(frozen=True, kw_only=True)
-class BouncingBall(ImpactOscillator):
+class BouncingBall(OneMass):
     """A ball that falls onto a table at amplitude sin(phase): x'' = -gravity in flight.
 
     The motion is exact; `HighBounce` is its limit for high bounces. The section coordinates are
@@ -64,27 +63,14 @@ class BouncingBall(ImpactOscillator):
     """
 
     gravity: float = 1.0
-    offset: float = field(init=False, repr=False, default=0.0)
-    contact: int = field(init=False, repr=False, default=0)
-    side: str = field(init=False, repr=False, default="above")
     play: float = field(init=False, repr=False, default=math.inf)
-    harmonic_forces: tuple[complex, ...] = field(init=False, repr=False, default=())
-    constant_forces: tuple[float, ...] = field(init=False, repr=False, default=())
-    elements: tuple[Element, ...] = field(init=False, repr=False, default=())
 
-    degrees_of_freedom = 1
-
-    structure_independent: ClassVar[frozenset[str]] = ImpactOscillator.structure_independent | {
-        "gravity"
-    }
+    structure_independent: ClassVar[frozenset[str]] = OneMass.structure_independent | {"gravity"}
 
     def __post_init__(self) -> None:
-        self._set("gravity", positive("gravity", self.gravity))
+        check_fields(self, gravity=positive)
         self._set("constant_forces", (-self.gravity,))
         super().__post_init__()
-
-    def kinetic(self, v: tuple[sympy.Symbol, ...]) -> sympy.Expr:
-        return v[0] ** 2 / 2
 
     def potential(self, x: tuple[sympy.Symbol, ...]) -> sympy.Expr:
         return 0 * x[0]

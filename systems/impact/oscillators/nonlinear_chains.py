@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, final
 
-from dynkit.core.validation import finite_scalar
+from dynkit.core.validation import check_fields, finite_scalar
 from dynkit.systems.impact.oscillators.chain import ImpactChain
 from dynkit.systems.structure.chain import extensions
 
@@ -79,8 +79,7 @@ class FPUTChain(ImpactChain):
     cubic: float = 1.0
 
     def __post_init__(self) -> None:
-        for name in ("quadratic", "cubic"):
-            self._set(name, finite_scalar(name, getattr(self, name)))
+        check_fields(self, quadratic=finite_scalar, cubic=finite_scalar)
         super().__post_init__()
 
     def potential(self, x: tuple[sympy.Symbol, ...]) -> sympy.Expr:

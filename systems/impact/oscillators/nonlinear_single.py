@@ -6,7 +6,7 @@ import math
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, ClassVar, final
 
-from dynkit.core.validation import finite_scalar, non_negative, positive
+from dynkit.core.validation import check_fields, finite_scalar, non_negative, positive
 from dynkit.systems.impact.elements.element import Element
 from dynkit.systems.impact.oscillators.oscillator import ImpactOscillator
 
@@ -29,8 +29,7 @@ class _Driven(ImpactOscillator):
     }
 
     def __post_init__(self) -> None:
-        self._set("damping", non_negative("damping", self.damping))
-        self._set("force", finite_scalar("force", self.force))
+        check_fields(self, damping=non_negative, force=finite_scalar)
         self._set("harmonic_forces", (complex(self.force),) if self.force else ())
         super().__post_init__()
 
@@ -78,8 +77,7 @@ class ImpactDuffing(_Driven):
     cubic: float = 1.0
 
     def __post_init__(self) -> None:
-        self._set("linear", finite_scalar("linear", self.linear))
-        self._set("cubic", finite_scalar("cubic", self.cubic))
+        check_fields(self, linear=finite_scalar, cubic=finite_scalar)
         super().__post_init__()
 
     def potential(self, x: tuple[sympy.Symbol, ...]) -> sympy.Expr:
@@ -132,7 +130,7 @@ class ImpactPendulum(_Driven):
     structure_independent: ClassVar[frozenset[str]] = _Driven.structure_independent | {"stop"}
 
     def __post_init__(self) -> None:
-        self._set("stop", positive("stop", self.stop))
+        check_fields(self, stop=positive)
         self._set("offset", -self.stop)
         self._set("play", 2.0 * self.stop)
         super().__post_init__()

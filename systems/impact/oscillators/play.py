@@ -3,12 +3,11 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, ClassVar
 
-from dynkit.core.validation import finite_scalar, non_negative, positive
-from dynkit.systems.impact.elements.element import Element
-from dynkit.systems.impact.oscillators.oscillator import ImpactOscillator
+from dynkit.core.validation import check_fields, finite_scalar, non_negative, positive
+from dynkit.systems.impact.oscillators.one_mass import OneMass
 from dynkit.systems.impact.simulation.state import ImpactState
 
 if TYPE_CHECKING:
@@ -16,7 +15,7 @@ if TYPE_CHECKING:
 
 
 @dataclass(frozen=True, kw_only=True)
-class PlayOscillator(ImpactOscillator):
+class PlayOscillator(OneMass):
     """x'' + damping x' + spring x = force sin(phase), between stops at amplitude sin(phase) +- s/2.
 
     Here s is the play, and the mass is the unit of mass. Both stops belong to one housing, which
@@ -69,30 +68,15 @@ class PlayOscillator(ImpactOscillator):
     spring: float = 0.0
     damping: float = 0.0
     force: float = 0.0
-    offset: float = field(init=False, repr=False, default=0.0)
-    contact: int = field(init=False, repr=False, default=0)
-    side: str = field(init=False, repr=False, default="above")
-    harmonic_forces: tuple[complex, ...] = field(init=False, repr=False, default=())
-    constant_forces: tuple[float, ...] = field(init=False, repr=False, default=())
-    elements: tuple[Element, ...] = field(init=False, repr=False, default=())
 
-    degrees_of_freedom = 1
-
-    structure_independent: ClassVar[frozenset[str]] = ImpactOscillator.structure_independent | {
-        "force"
-    }
+    structure_independent: ClassVar[frozenset[str]] = OneMass.structure_independent | {"force"}
 
     def __post_init__(self) -> None:
-        self._set("play", positive("play", self.play))
-        self._set("spring", non_negative("spring", self.spring))
-        self._set("damping", non_negative("damping", self.damping))
-        self._set("force", finite_scalar("force", self.force))
+        check_fields(self, play=positive, spring=non_negative, damping=non_negative)
+        check_fields(self, force=finite_scalar)
         self._set("offset", -0.5 * self.play)
         self._set("harmonic_forces", (complex(self.force),))
         super().__post_init__()
-
-    def kinetic(self, v: tuple[sympy.Symbol, ...]) -> sympy.Expr:
-        return v[0] ** 2 / 2
 
     def potential(self, x: tuple[sympy.Symbol, ...]) -> sympy.Expr:
         return self.spring * x[0] ** 2 / 2

@@ -5,11 +5,18 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, field
 from functools import cached_property
-from typing import TYPE_CHECKING, ClassVar
+from typing import TYPE_CHECKING
 
 import numpy as np
 
-from dynkit.core.validation import Array, finite_array, non_negative, positive, positive_integer
+from dynkit.core.validation import (
+    Array,
+    check_fields,
+    finite_array,
+    non_negative,
+    positive,
+    positive_integer,
+)
 from dynkit.systems.impact.elements.element import Element, EventKind
 from dynkit.systems.impact.oscillators.oscillator import ImpactOscillator
 from dynkit.systems.impact.simulation.state import Motion
@@ -91,10 +98,6 @@ class ImpactRod(ImpactOscillator):
     constant_forces: tuple[float, ...] = field(init=False, repr=False, default=())
     elements: tuple[Element, ...] = field(init=False, repr=False, default=())
 
-    structure_independent: ClassVar[frozenset[str]] = ImpactOscillator.structure_independent | {
-        "_chain"
-    }
-
     def __post_init__(self) -> None:
         count = positive_integer("masses", self.masses)
         if count < 2:
@@ -105,9 +108,8 @@ class ImpactRod(ImpactOscillator):
             if kept > count - 1:
                 raise ValueError(f"kept_modes must be at most {count - 1}; got {kept}")
             self._set("kept_modes", kept)
-        for name in ("length", "wave_speed", "density"):
-            self._set(name, positive(name, getattr(self, name)))
-        self._set("damping", non_negative("damping", self.damping))
+        check_fields(self, length=positive, wave_speed=positive, density=positive)
+        check_fields(self, damping=non_negative)
         if self.far_end not in ("fixed", "free"):
             raise ValueError(f"far_end must be 'fixed' or 'free'; got {self.far_end!r}")
         super().__post_init__()

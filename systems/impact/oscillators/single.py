@@ -6,9 +6,8 @@ import math
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, ClassVar
 
-from dynkit.core.validation import finite_scalar, non_negative
-from dynkit.systems.impact.elements.element import Element
-from dynkit.systems.impact.oscillators.oscillator import ImpactOscillator
+from dynkit.core.validation import check_fields, finite_scalar, non_negative
+from dynkit.systems.impact.oscillators.one_mass import OneMass
 from dynkit.systems.impact.simulation.state import ImpactState
 
 if TYPE_CHECKING:
@@ -16,7 +15,7 @@ if TYPE_CHECKING:
 
 
 @dataclass(frozen=True, kw_only=True)
-class SingleImpactOscillator(ImpactOscillator):
+class SingleImpactOscillator(OneMass):
     """x'' + 2 damping_ratio x' + x = force cos(phase) for x < stop; x' becomes -r x' at the stop.
 
     All quantities are dimensionless: the mass is the unit of mass, and the natural frequency is
@@ -66,31 +65,19 @@ class SingleImpactOscillator(ImpactOscillator):
     force: float = 1.0
     stop: float = 0.0
     amplitude: float = field(init=False, repr=False, default=0.0)
-    offset: float = field(init=False, repr=False, default=0.0)
-    contact: int = field(init=False, repr=False, default=0)
     side: str = field(init=False, repr=False, default="below")
     play: float = field(init=False, repr=False, default=math.inf)
-    harmonic_forces: tuple[complex, ...] = field(init=False, repr=False, default=())
-    constant_forces: tuple[float, ...] = field(init=False, repr=False, default=())
-    elements: tuple[Element, ...] = field(init=False, repr=False, default=())
 
-    degrees_of_freedom = 1
-
-    structure_independent: ClassVar[frozenset[str]] = ImpactOscillator.structure_independent | {
+    structure_independent: ClassVar[frozenset[str]] = OneMass.structure_independent | {
         "force",
         "stop",
     }
 
     def __post_init__(self) -> None:
-        self._set("damping_ratio", non_negative("damping_ratio", self.damping_ratio))
-        self._set("force", non_negative("force", self.force))
-        self._set("stop", finite_scalar("stop", self.stop))
+        check_fields(self, damping_ratio=non_negative, force=non_negative, stop=finite_scalar)
         self._set("offset", self.stop)
         self._set("harmonic_forces", (1j * self.force,))
         super().__post_init__()
-
-    def kinetic(self, v: tuple[sympy.Symbol, ...]) -> sympy.Expr:
-        return v[0] ** 2 / 2
 
     def potential(self, x: tuple[sympy.Symbol, ...]) -> sympy.Expr:
         return x[0] ** 2 / 2

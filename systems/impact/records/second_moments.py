@@ -102,10 +102,6 @@ def second_moments(
     lost = np.zeros((n + 1, n + 1))
     nodes, smooth = 0, oscillator._motion is not None
     for part in intervals(run):
-        if smooth:
-            inner, own_lost, count = _by_steps(part, edges)
-            moments, lost, nodes = moments + inner, lost + own_lost, nodes + count
-            continue
         inner, own_lost = _closed_form(part, edges)
         largest = inner[:, :n, :n].sum(axis=0).max(initial=0.0)
         if not own_lost[:n, :n].max(initial=0.0) <= _LOST * largest:
@@ -152,8 +148,11 @@ def _closed_form(part: Intervals, edges: NDArray[np.intp]) -> tuple[Array, Array
     """Moments (b, N + 1, N + 1), the number one last, and a bound of the errors of their sum."""
     from dynkit.systems.impact.records import moment_kernels
 
+    size = part.mode.bodies + 1
+    out = np.zeros((len(edges) - 1, size, size))
+    if isinstance(part.mode, TaylorMode):
+        return out, np.full(out.shape[1:], np.inf)
     eigen = EigenCoordinates.of(part.mode)
-    out = np.zeros((len(edges) - 1, *(2 * [len(eigen.back)])))
     if not np.isfinite(eigen.condition):
         return out, np.full(out.shape[1:], np.inf)
     rates, back = eigen.rates, eigen.back
@@ -263,10 +262,10 @@ def _fastest(part: Intervals) -> float:
 
 def _quadrature(part: Intervals, edges: NDArray[np.intp]) -> tuple[Array, Array, int]:
     """As `_closed_form`, and the number of nodes, by `quadrature` of the exact motion."""
-    mode = part.mode
-    n, count = mode.bodies, nodes_needed(part)
+    mode, nodes = part.mode, 0
+    n = mode.bodies
     out = np.zeros((len(edges) - 1, n + 1, n + 1))
-    if count is None:
+    if nodes_needed(part) is None:
         return out, np.full(out.shape[1:], np.inf), 0
     batch = np.searchsorted(edges, part.impact, side="right") - 1
     for row, weights, states in quadrature(part):
@@ -276,26 +275,15 @@ def _quadrature(part: Intervals, edges: NDArray[np.intp]) -> tuple[Array, Array,
         for b in np.unique(batch[row]).tolist():
             own = batch[row] == b
             out[b] += weighted[own].T @ x[own]
+        nodes += len(row)
     root = np.sqrt(np.diagonal(out.sum(axis=0)))
+    if isinstance(mode, TaylorMode):
+        return out, _OF_STEPS * _EPS * np.outer(root, root), nodes
     # Positions are rounded as the terms are of which they are sums.
     terms = np.sqrt(part.durations @ _terms(part) ** 2)
     phases = _fastest(part) * float(part.durations.max(initial=0.0))
     lost = 0.5 * _EPS * (8.0 + 2.0 * n + phases) * (np.outer(terms, root) + np.outer(root, terms))
-    return out, lost, count
-
-
-def _by_steps(part: Intervals, edges: NDArray[np.intp]) -> tuple[Array, Array, int]:
-    """As `_quadrature`, over the steps of Taylor's method."""
-    n = part.mode.bodies
-    out, count = np.zeros((len(edges) - 1, n + 1, n + 1)), 0
-    batch = np.searchsorted(edges, part.impact, side="right") - 1
-    for row, weights, states in quadrature(part):
-        x = np.ones((len(row), n + 1))
-        x[:, :n] = part.mode.motion(states)[0]
-        out[batch[row[0]]] += (x * weights[:, None]).T @ x
-        count += len(row)
-    root = np.sqrt(np.diagonal(out.sum(axis=0)))
-    return out, _OF_STEPS * _EPS * np.outer(root, root), count
+    return out, lost, nodes
 
 
 def _terms(part: Intervals) -> Array:

@@ -149,7 +149,8 @@ class Automaton:
 
     def _begin(self) -> None:
         """Forget all modes, and what was made of them."""
-        self._ladders, self._stack, self._stacked_modes = LadderStack(), Stack(), 0
+        self._ladders, self._stacked_modes = LadderStack(), 0
+        self._stack, self._of_guards = Stack(), Stack()
         self._slots, self._joined, self._rows = 0, dict[int, int](), dict[int, int]()
         self._changes = dict[tuple[int, int], list[Array]]()
         self._lock = RLock()
@@ -365,7 +366,8 @@ class Automaton:
             stack.put("slots", number, slots)
             stack.put("lain", number, self.parts.lain(self.regimes[number]))
             for k in own:
-                self._stack_guard(k)
+                for name, value in self._constants(guards[k]).items():
+                    self._of_guards.put(name, k, value)
         self._stacked_modes = len(modes)
         ladders = self._ladders.ladders
         slots = ladders.step.shape[3]
@@ -386,7 +388,6 @@ class Automaton:
                 row = self._joined[k] = self._rows.setdefault(id(guards[k].change), len(self._rows))
                 stack.put("change", row, _padded(guards[k].change, slots))
         self.table = self.parts.table(self.regimes, guards)
-        given = {name: stack.take(name, len(guards)) for name in _OF_GUARDS}
         return Tables(
             ladders=ladders,
             first=np.searchsorted([g.mode for g in guards], np.arange(len(modes) + 1)),
@@ -403,12 +404,11 @@ class Automaton:
             tolerance=self._tolerance,
             period=self._period,
             clock_rate=self._excitation.frequency if modes[0].layout.table < 0 else 0.0,
-            **given,
+            **self._of_guards.all(len(guards)),
         )
 
-    def _stack_guard(self, k: int) -> None:
-        """Put the constant data of a guard into the tables."""
-        guard, put = self.guards[k], self._stack.put
+    def _constants(self, guard: Guard) -> dict[str, Any]:
+        """Return the constant data of a guard, by their names in the tables."""
         mode, element, watch = self.modes[guard.mode], self._elements[guard.element], guard.watch
         slots = mode.layout.slots
         kick, excursion = np.zeros((4, slots)), np.zeros((2, slots))
@@ -434,23 +434,25 @@ class Automaton:
             coupled = self._coupled(guard)
             rubbed = self.parts.rubbed(self.regimes[guard.mode], guard.element)
             drop, hold = self.parts.turns(rubbed, mode.forced.spread(contact.response))
-        put("event", k, watch.event)
-        put("order", k, watch.order)
-        put("torn", k, _torn(watch, self.parts.hard(guard.element)))
-        put("kick", k, kick)
-        put("excursion", k, excursion)
-        put("coupling", k, float(coupling))
-        put("restitution", k, restitution)
-        put("law", k, law)
-        put("drop", k, drop)
-        put("hold", k, hold)
-        put("opens", k, self.guard(guard.mode, guard.opens) if guard.opens >= 0 else -1)
-        put("ambiguous", k, guard.ambiguous)
-        put("coupled", k, coupled)
-        put("rubbed", k, rubbed)
-        put("marks", k, self.marks(guard))
-        put("scraped", k, scraped)
-        put("scrape", k, scrape)
+        return {
+            "event": watch.event,
+            "order": watch.order,
+            "torn": _torn(watch, self.parts.hard(guard.element)),
+            "kick": kick,
+            "excursion": excursion,
+            "coupling": float(coupling),
+            "restitution": restitution,
+            "law": law,
+            "drop": drop,
+            "hold": hold,
+            "opens": self.guard(guard.mode, guard.opens) if guard.opens >= 0 else -1,
+            "ambiguous": guard.ambiguous,
+            "coupled": coupled,
+            "rubbed": rubbed,
+            "marks": self.marks(guard),
+            "scraped": scraped,
+            "scrape": scrape,
+        }
 
     def marks(self, guard: Guard) -> bool:
         """Whether the zero of this guard is the section of an undriven machine."""
@@ -495,27 +497,6 @@ def _pushes_at_once(element: Element) -> bool:
 def halts(element: Element) -> bool:
     """Whether it may come to a halt."""
     return any(regime.halts for regime in element.regimes)
-
-
-_OF_GUARDS = (
-    "event",
-    "order",
-    "torn",
-    "kick",
-    "excursion",
-    "coupling",
-    "restitution",
-    "law",
-    "drop",
-    "hold",
-    "opens",
-    "ambiguous",
-    "coupled",
-    "rubbed",
-    "marks",
-    "scraped",
-    "scrape",
-)
 
 
 def _torn(watch: Watch, hard: bool) -> int:

@@ -11,6 +11,7 @@ import numpy as np
 
 from dynkit.core.validation import (
     Array,
+    check_fields,
     finite_array,
     finite_scalar,
     index_in,
@@ -48,25 +49,6 @@ _OF_STOP = "restitution", "amplitude", "offset", "side"
 OF_TABLE = (*_OF_STOP, "contact", "play")
 """Parameters of the table; with elements, they are taken from the first `HardStop`."""
 
-_CACHES = frozenset(
-    {
-        "_structure",
-        "_contact",
-        "_contacts",
-        "_crossed",
-        "_excitation",
-        "_stops",
-        "_soft",
-        "_sliders",
-        "_free",
-        "_gaps",
-        "_curves",
-        "_derivation",
-        "_automaton",
-        "_default_start",
-    }
-)
-
 
 @dataclass(frozen=True, kw_only=True)
 class DrivenStructure(LagrangianStructure):
@@ -90,32 +72,23 @@ class DrivenStructure(LagrangianStructure):
     chatter_tolerance: float = 1e-16
     elements: Any = ()  # kept as a tuple
 
-    structure_independent: ClassVar[frozenset[str]] = _CACHES | {
-        "frequency",
-        "restitution",
-        "amplitude",
-        "offset",
-        "contact",
-        "side",
-        "play",
-        "harmonic_forces",
-        "constant_forces",
-        "chatter_tolerance",
-        "elements",
-    }
+    structure_independent: ClassVar[frozenset[str]] = frozenset(
+        (
+            *OF_TABLE,
+            *("frequency", "harmonic_forces", "constant_forces", "chatter_tolerance", "elements"),
+        )
+    )
 
     def __post_init__(self) -> None:
         if self.elements != ():
             self._compose()
-        self._set("frequency", positive("frequency", self.frequency))
-        self._set("restitution", checked_restitution("restitution", self.restitution))
-        self._set("amplitude", non_negative("amplitude", self.amplitude))
-        self._set("offset", finite_scalar("offset", self.offset))
+        check_fields(self, frequency=positive, restitution=checked_restitution)
+        check_fields(self, amplitude=non_negative, offset=finite_scalar)
         if self.play != math.inf:
-            self._set("play", positive("play", self.play))
+            check_fields(self, play=positive)
         if self.side not in ("above", "below"):
             raise ValueError(f"side must be 'above' or 'below'; got {self.side!r}")
-        self._set("chatter_tolerance", non_negative("chatter_tolerance", self.chatter_tolerance))
+        check_fields(self, chatter_tolerance=non_negative)
         n = positive_integer("degrees_of_freedom", self.degrees_of_freedom)
         self._set("contact", index_in("contact", self.contact, -n, n - 1))
         for name, kind in (("harmonic_forces", complex), ("constant_forces", float)):
@@ -139,9 +112,6 @@ class DrivenStructure(LagrangianStructure):
 
     def _set(self, name: str, value: object) -> None:
         object.__setattr__(self, name, value)
-
-    def __getstate__(self) -> dict[str, object]:
-        return {k: v for k, v in super().__getstate__().items() if k not in _CACHES}
 
     @property
     def dimension(self) -> int:
