@@ -292,7 +292,8 @@ class Automaton:
         rubs = [now[k].halts or k in self.sliders for k in places]
         riding = [self.parts.along(both if rubs[k] else grips[0], k) for k in places]
         for k, regime in enumerate(now):
-            if regime.halts and riding[k]:
+            bound = k in grips[1] and self.parts.along(tuple(j for j in both if j != k), k)
+            if bound or (regime.halts and riding[k]):
                 raise NotImplementedError(
                     f"friction must not act along what other friction holds, which leaves its "
                     f"force open; got {self._elements[k]!r}"
@@ -387,6 +388,7 @@ class Automaton:
             slots[: len(modes[number].layout.modes)] = modes[number].layout.modes
             stack.put("slots", number, slots)
             stack.put("lain", number, self.parts.lain(self.regimes[number]))
+            stack.put("slides", number, self.parts.slides(self.regimes[number]))
             for k in own:
                 self._stack_guard(k)
         self._stacked_modes = len(modes)
@@ -415,6 +417,7 @@ class Automaton:
             first=np.searchsorted([g.mode for g in guards], np.arange(len(modes) + 1)),
             slots=stack.take("slots", len(modes)),
             lain=stack.take("lain", len(modes)),
+            slides=stack.take("slides", len(modes)),
             counts=np.array([len(mode.layout.modes) for mode in modes]),
             element=self.table[:, 1].copy(),
             target=self.table[:, 2].copy(),

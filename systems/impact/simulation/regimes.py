@@ -13,6 +13,7 @@ from dynkit.exponential.modes import LARGEST
 from dynkit.systems.impact.elements.element import (
     IMPACT,
     LAIN,
+    RIDES,
     Element,
     EventKind,
     Regime,
@@ -21,6 +22,7 @@ from dynkit.systems.impact.elements.friction import LANDED, OFF, STICKS, TURNED,
 from dynkit.systems.impact.elements.stops import HardStop
 from dynkit.systems.impact.modes.constrained import depends, moves, pushed, rides
 from dynkit.systems.impact.modes.structure import Structure
+from dynkit.systems.impact.simulation.state import independent
 
 
 @final
@@ -133,6 +135,15 @@ class Parts:
         pairs = zip(self._elements, regimes, strict=True)
         return [regime == LAIN and isinstance(element, HardStop) for element, regime in pairs]
 
+    def slides(self, regimes: Sequence[int]) -> list[int]:
+        """For each element, how its slider slides or rides: see `Tables.slides`."""
+        both, out = sum(self.grips(regimes), ()), [0] * len(regimes)
+        for k in self._sliders:
+            regime = self._regimes[k][regimes[k]]
+            rides = RIDES if regime.anchored and self.along(both, k) else 0
+            out[k] = rides or int(np.sign(regime.stretch))
+        return out
+
     def grips(self, regimes: Sequence[int]) -> tuple[tuple[int, ...], tuple[int, ...]]:
         """Numbers of the elements that hold, and of those that stick on rows that none holds."""
         now = self.now(regimes)
@@ -143,7 +154,9 @@ class Parts:
     def along(self, others: tuple[int, ...], element: int) -> bool | None:
         """Whether other elements hold the row of an element: see `rides`."""
         if (others, element) not in self._along:
-            held = [self._elements[k] for k in others if not self._elements[k].curved]
+            given = [self._elements[k] for k in others if not self._elements[k].curved]
+            rows = np.array([element.row(self._structure.size) for element in given])
+            held = [given[k] for k in independent(rows)]
             own, curved = self._elements[element], self._elements[element].curved
             self._along[others, element] = not curved and rides(self._structure, held, own)
         return self._along[others, element]
