@@ -10,6 +10,7 @@ import pytest
 
 from dynkit.core.validation import Array
 from dynkit.systems import DryFriction, HardStop, ImpactChain, Jenkins, MatrixOscillator, SoftStop
+from tests.impact.disguised import disguised
 from tests.validation.machines import compared
 
 FRICTION, FORCE, STIFFNESS, DRIVE = 0.3, 0.2, 2.0, 0.8
@@ -37,18 +38,23 @@ def block(*beside: Any, row: float = 1.0, first: bool = True, side: str = "above
 def started(machine: Any, row: float, phase: float) -> Any:
     """At rest at zero, the slider as far back as it may be."""
     still = np.zeros(machine.degrees_of_freedom)
-    moving = still + [0.0, *(1.0 for _ in still[1:])]
+    moving = np.ones(len(still))
+    moving[0] = 0.0
     return machine.state(still, moving, phase=phase, sliders=[-FORCE / STIFFNESS * row])
 
 
 KINDS = [(1.0, True, "above"), (-2.0, True, "above"), (1.0, False, "below"), (0.5, False, "above")]
 
 
+ENGINES = pytest.mark.parametrize("engine", [lambda machine: machine, disguised])
+
+
+@ENGINES
 @pytest.mark.parametrize(("row", "first", "side"), KINDS)
 def test_it_slides_at_once_where_friction_breaks_away_outwards(
-    row: float, first: bool, side: str
+    row: float, first: bool, side: str, engine: Any
 ) -> None:
-    machine = block(row=row, first=first, side=side)
+    machine = engine(block(row=row, first=first, side=side))
     record = machine.simulate(impacts=1, start=started(machine, row, 0.0))
     events = record.events
     assert events.time[:2] == pytest.approx([AWAY, AWAY], abs=1e-15)
@@ -58,14 +64,15 @@ def test_it_slides_at_once_where_friction_breaks_away_outwards(
     free = DRIVE * (np.sin(AWAY) - np.sin(t) + np.cos(AWAY) * s)
     x = free - (FRICTION + FORCE) * s**2 / 2.0
     assert record.sample(t)[0][:, 0] == pytest.approx(x, abs=1e-15)
-    assert record.sample_sliders(t)[:, 0] == pytest.approx(
-        row * (x - FORCE / STIFFNESS), abs=1e-15
-    )
+    assert record.sample_sliders(t)[:, 0] == pytest.approx(row * (x - FORCE / STIFFNESS), abs=1e-15)
 
 
+@ENGINES
 @pytest.mark.parametrize(("row", "first", "side"), KINDS)
-def test_it_sticks_where_friction_breaks_away_inwards(row: float, first: bool, side: str) -> None:
-    machine = block(row=row, first=first, side=side)
+def test_it_sticks_where_friction_breaks_away_inwards(
+    row: float, first: bool, side: str, engine: Any
+) -> None:
+    machine = engine(block(row=row, first=first, side=side))
     record = machine.simulate(impacts=1, start=started(machine, row, np.pi))
     assert record.events.time[0] == pytest.approx(BACK, abs=1e-15)
     assert record.events.time[1] > BACK + 0.1
