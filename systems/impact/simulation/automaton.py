@@ -292,7 +292,8 @@ class Automaton:
         rubs = [now[k].halts or k in self.sliders for k in places]
         riding = [self.parts.along(both if rubs[k] else grips[0], k) for k in places]
         for k, regime in enumerate(now):
-            bound = k in grips[1] and self.parts.along(tuple(j for j in both if j != k), k)
+            others = tuple(j for j in both if j != k)
+            bound = k in grips[1] and self.parts.along(others, k) is not False
             if bound or (regime.halts and riding[k]):
                 raise NotImplementedError(
                     f"friction must not act along what other friction holds, which leaves its "
