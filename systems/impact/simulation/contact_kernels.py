@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from dynkit.core.jit import kernel
 from dynkit.core.validation import Array
-from dynkit.exponential.evaluation_kernels import EPSILON, START, Ladder
+from dynkit.exponential.evaluation_kernels import EPSILON, START, Ladder, start_sums
 from dynkit.exponential.stack_kernels import Ladders
 
 Indices = NDArray[np.intp]
@@ -21,6 +21,10 @@ SMALLEST = 1e-100
 PLACE = 1000.0
 """So many times the tolerance the place of the contact mass may be off in the bounces that are left
 out, where it follows parabolas: nothing else follows from it."""
+
+
+_SOON = 64.0
+"""The smallest step of a gap is at least so many times longer than what is soon."""
 
 
 class Tables(NamedTuple):
@@ -180,11 +184,16 @@ def order_at_rest(gap: Ladder, states: Array, band_factor: float) -> int:
     Its order, negative where the gap would close; 0 where both are hidden. The gap and its rate are
     zero.
     """
-    for order in range(2, 4):
-        sign = sign_of(gap, states, START, order, band_factor)
-        if sign != 0:
-            return order * sign
-    return 0
+    signs = sign_of(gap, states, START, 2, band_factor), sign_of(gap, states, START, 3, band_factor)
+    if signs[0] * signs[1] < 0:
+        # The rounding of positions is in the second derivative, too, also where these cancel.
+        second, third, _, reach = start_sums(gap.rows, states, START)
+        band = band_factor * EPSILON * (reach + abs(gap.offset))
+        soon = (6.0 * band / abs(third)) ** (1.0 / 3.0)  # the third one exceeds the band from here
+        least = min(2.0 * band / (soon * soon), band / (gap.smallest * gap.smallest))
+        if _SOON * soon < gap.smallest and abs(second) < least:
+            return 3 * signs[1]
+    return 2 * signs[0] if signs[0] != 0 else 3 * signs[1]
 
 
 @kernel()
