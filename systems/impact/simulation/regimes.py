@@ -21,8 +21,7 @@ from dynkit.systems.impact.elements.element import (
 from dynkit.systems.impact.elements.friction import LANDED, OFF, STICKS, TURNED, DryFriction
 from dynkit.systems.impact.elements.stops import HardStop
 from dynkit.systems.impact.modes.constrained import depends, moves, pushed, rides
-from dynkit.systems.impact.modes.structure import Structure
-from dynkit.systems.impact.simulation.state import independent
+from dynkit.systems.impact.modes.structure import Structure, independent
 
 
 @final
