@@ -5,7 +5,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from dynkit.systems import DryFriction, HardStop, ImpactChain, SoftStop
+from dynkit.systems import DryFriction, HardStop, ImpactChain, Jenkins, SoftStop
 from tests.impact.agreement import moves_as_in_many_digits
 
 
@@ -65,6 +65,22 @@ def test_what_stays_open_is_refused() -> None:
     machine = pair(*(DryFriction(row, force=5.0) for row in (0, 1, (0, 1))))
     with pytest.raises(NotImplementedError, match="along what other friction holds"):
         machine.simulate(impacts=1, start=machine.state([0.0, 0.0], [0.0, 0.0]))
+
+
+@pytest.mark.parametrize("beside", [[], [Jenkins((0.5, -2.0), stiffness=0.5, force=0.1)]])
+def test_what_would_stay_open_beside_a_closed_stop_is_refused(beside: list[Any]) -> None:
+    # the stop holds one mass: both frictions halt with the other one
+    stop = HardStop(0, restitution=0.0)
+    machine = ImpactChain(
+        masses=2,
+        damping=0.05,
+        frequency=0.7,
+        harmonic_forces=[0.0, 0.9],
+        constant_forces=[-3.0, 0.0],
+        elements=[stop, DryFriction((1, 0), force=0.2), DryFriction(1, force=0.1), *beside],
+    )
+    with pytest.raises(NotImplementedError, match="along what other friction holds"):
+        machine.simulate(impacts=3, start=machine.state([0.0, 0.5], [0.0, 0.5]))
 
 
 @pytest.mark.parametrize("hit", [False, True])

@@ -505,6 +505,15 @@ def test_rest_on_a_preloaded_stop_is_that_of_the_exact_engine(load: float, dampi
     assert kinds[0] == kinds[1]
 
 
+@pytest.mark.parametrize("force", np.linspace(0.6, 1.0, 8))
+def test_friction_breaks_away_where_all_coordinates_are_zero(force: float) -> None:
+    # rounding of the force that is overcome may have either sign
+    block = ImpactDuffing(frequency=1.0, force=force, elements=[DryFriction(0, force=0.3)])
+    events = block.simulate(impacts=1, start=block.state([0.0], [0.0])).events
+    assert events.time[0] == pytest.approx(math.asin(0.3 / force), abs=1e-15)
+    assert len(events) < 8
+
+
 def test_a_motion_that_runs_away_is_named() -> None:
     duffing = ImpactDuffing(frequency=1.0, cubic=-1.0, amplitude=0.0, offset=-9.0)
     with pytest.raises(Diverged, match="the motion runs away"):

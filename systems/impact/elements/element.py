@@ -29,6 +29,9 @@ negative just after an event, or only where a motion begins at rest there."""
 RELEASED = 3
 """Order of the gap after contact: gap, rate and acceleration are zero."""
 
+RIDES = 2
+"""Of a slider: it sticks, and nothing moves what it follows over its surface."""
+
 LAIN = 2
 """Regime of a hard stop that is open while friction holds the mass at a gap of zero."""
 

@@ -209,6 +209,15 @@ def pivots_of(rows: Array) -> list[int]:
     return found
 
 
+def independent(rows: Array) -> list[int]:
+    """Numbers of rows (k, N), the first ones, of which all are combinations."""
+    found: list[int] = []
+    for k in range(len(rows)):
+        if np.linalg.matrix_rank(rows[[*found, k]]) > len(found):
+            found.append(k)
+    return found
+
+
 @final
 class Contact:
     """A row (N,) of a structure's coordinates along which a stop acts.

@@ -101,14 +101,14 @@ class Ensemble:
 
     def _buffers(self, impacts: Any, slots: int) -> Any:
         """Buffers of a run, one of which is a log of impacts."""
-        from dynkit.systems.impact.simulation.clock_kernels import CLOCK
+        from dynkit.systems.impact.simulation.clock_kernels import BEGIN, CLOCK
         from dynkit.systems.impact.simulation.log_kernels import Switches
 
         time, rest, speed = np.zeros((3, _SWITCHES))
         before, guard = np.zeros((2, _SWITCHES), np.intp)
         return (
             np.zeros(CLOCK),
-            np.zeros((len(self.system._elements), 4)),
+            np.zeros((len(self.system._elements), BEGIN)),
             impacts,
             Switches(time, rest, speed, before, guard, np.zeros((_SWITCHES, 2, slots))),
             workspace(slots),

@@ -365,6 +365,7 @@ class Automaton:
             slots[: len(modes[number].layout.modes)] = modes[number].layout.modes
             stack.put("slots", number, slots)
             stack.put("lain", number, self.parts.lain(self.regimes[number]))
+            stack.put("slides", number, self.parts.slides(self.regimes[number]))
             for k in own:
                 for name, value in self._constants(guards[k]).items():
                     self._of_guards.put(name, k, value)
@@ -393,6 +394,7 @@ class Automaton:
             first=np.searchsorted([g.mode for g in guards], np.arange(len(modes) + 1)),
             slots=stack.take("slots", len(modes)),
             lain=stack.take("lain", len(modes)),
+            slides=stack.take("slides", len(modes)),
             counts=np.array([len(mode.layout.modes) for mode in modes]),
             element=self.table[:, 1].copy(),
             target=self.table[:, 2].copy(),

@@ -44,10 +44,14 @@ Indices = NDArray[np.intp]
 CLOCK = 18
 """Numbers of a clock; above, the places of them."""
 
-MOTION, ORDER, SPEED, GAP = range(4)
+MOTION, ORDER, SPEED, GAP, AT_LIMIT = range(5)
 """Of each element, how it begins the flight: see `FLIGHT`; how many leading Taylor coefficients of
-its first guard vanish; the rate of its gap where that is one; and its gap, where that is known to
-more digits than the state has, else zero."""
+its first guard vanish; the rate of its gap where that is one; its gap, where that is known to more
+digits than the state has, else zero; and where a slider sticks exactly at its limit 1 or -1, for
+the forward and the backward one, or twice that while nothing moves it. Zero elsewhere."""
+
+BEGIN = 5
+"""Numbers of each element; above, the places of them."""
 
 FLIGHT, BOUNCED, SWITCHED, BOUNCES, STILL = range(5)
 """Gap open; just after an impact (u >= 0), which may come to rest; just after a switch; just after
@@ -95,6 +99,8 @@ def move_on(
             if element != own:
                 left[element, MOTION] = FLIGHT
                 left[element, ORDER] = 0.0
+            if abs(left[element, AT_LIMIT]) == 1.0:
+                left[element, AT_LIMIT] = 0.0
 
 
 @kernel()

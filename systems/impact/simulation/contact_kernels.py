@@ -10,13 +10,7 @@ from numpy.typing import NDArray
 
 from dynkit.core.jit import kernel
 from dynkit.core.validation import Array
-from dynkit.exponential.evaluation_kernels import (
-    EPSILON,
-    START,
-    Ladder,
-    start_sums,
-    value_and_rates,
-)
+from dynkit.exponential.evaluation_kernels import EPSILON, START, Ladder, start_sums
 from dynkit.exponential.stack_kernels import Ladders
 
 Indices = NDArray[np.intp]
@@ -27,6 +21,10 @@ SMALLEST = 1e-100
 PLACE = 1000.0
 """So many times the tolerance the place of the contact mass may be off in the bounces that are left
 out, where it follows parabolas: nothing else follows from it."""
+
+
+_SOON = 64.0
+"""The smallest step of a gap is at least so many times longer than what is soon."""
 
 
 class Tables(NamedTuple):
@@ -40,6 +38,8 @@ class Tables(NamedTuple):
     first : (modes + 1,) the first guard of each mode
     slots, counts : (modes, N) and (modes,) slots of the coordinates of each mode, and their number
     lain : (modes, elements) the stops at which friction holds what they stop
+    slides : (modes, elements) 1 or -1 for sliders that slide forward or backward, `RIDES` for those
+        that stick to what does not move over their surfaces
     element : (guards,) what it belongs to
     event : (guards,) what happens, IMPACT, SWITCH or JAM
     target, partner : (guards,) the mode that it leads to, for an impact that of contact, and the
@@ -81,6 +81,7 @@ class Tables(NamedTuple):
     slots: Indices
     counts: Indices
     lain: NDArray[np.bool_]
+    slides: Indices
     element: Indices
     event: Indices
     target: Indices
@@ -177,36 +178,27 @@ def chatter_completes(
 
 
 @kernel()
-def order_at_rest(rows: Array, states: Array, band_factor: float) -> int:
+def order_at_rest(gap: Ladder, states: Array, band_factor: float) -> int:
     """Of the gap's second and third derivative the first that rounding does not hide.
 
     Its order, negative where the gap would close; 0 where both are hidden. The gap and its rate are
     zero.
     """
-    for order in range(2, 4):
-        total = 0.0
-        size = 0.0
-        for i in range(rows.shape[1]):
-            a = rows[2 * order, i] * states[START, 0, i]
-            b = rows[2 * order + 1, i] * states[START, 1, i]
-            total += a + b
-            size += abs(a) + abs(b)
-        if abs(total) > band_factor * EPSILON * size:
-            return order if total > 0.0 else -order
-    return 0
-
-
-@kernel()
-def is_negative(guard: Ladder, states: Array, k: int, band_factor: float) -> bool:
-    """Whether a guard is negative, beyond rounding: a contact force would have to pull."""
-    reach = start_sums(guard.rows, states, k)[3]
-    value = value_and_rates(guard.rows, guard.offset, states, k)[0]
-    return value < -band_factor * EPSILON * (reach + abs(guard.offset))
+    signs = sign_of(gap, states, START, 2, band_factor), sign_of(gap, states, START, 3, band_factor)
+    if signs[0] * signs[1] < 0:
+        # The rounding of positions is in the second derivative, too, also where these cancel.
+        second, third, _, reach = start_sums(gap.rows, states, START)
+        band = band_factor * EPSILON * (reach + abs(gap.offset))
+        soon = (6.0 * band / abs(third)) ** (1.0 / 3.0)  # the third one exceeds the band from here
+        least = min(2.0 * band / (soon * soon), band / (gap.smallest * gap.smallest))
+        if _SOON * soon < gap.smallest and abs(second) < least:
+            return 3 * signs[1]
+    return 2 * signs[0] if signs[0] != 0 else 3 * signs[1]
 
 
 @kernel()
 def sign_of(guard: Ladder, states: Array, k: int, order: int, band_factor: float) -> int:
-    """The sign of a guard, or with order 1 of its rate; 0 where rounding hides it."""
+    """The sign of a guard, or of its derivative of order 1 to 3; 0 where rounding hides it."""
     total = guard.offset if order == 0 else 0.0
     size = abs(total)
     for i in range(guard.rows.shape[1]):

@@ -2,20 +2,27 @@
 
 from __future__ import annotations
 
+import math
+
 from dynkit.core.jit import kernel
 from dynkit.core.validation import Array
 from dynkit.exponential.double_double_kernels import two_product
 from dynkit.exponential.evaluation_kernels import (
+    EPSILON,
     FOUND,
     START,
+    Ladder,
     Workspace,
     expand,
     expand_apart,
+    look_ahead,
+    start_sums,
     value_and_rates,
 )
 from dynkit.exponential.polynomial_kernels import polynomial
 from dynkit.exponential.stack_kernels import GROUP, ladder_at
 from dynkit.systems.impact.simulation.clock_kernels import (
+    AT_LIMIT,
     BOUNCED,
     BOUNCES,
     FLIGHT,
@@ -27,6 +34,9 @@ from dynkit.systems.impact.simulation.clock_kernels import (
     SWITCHED,
 )
 from dynkit.systems.impact.simulation.contact_kernels import SMALLEST, Tables, sign_of
+
+_HALVINGS = 60
+"""Halvings of the smallest step, from which on a guard that is zero is looked at."""
 
 IMPACT, SWITCH, JAM, HALT, JUMP, REST = range(6)
 """What happens where a guard is zero: the law of impacts in the same mode, another mode, or the end
@@ -59,11 +69,48 @@ def copy(states: Array, k: int, to: int) -> None:
 
 
 @kernel()
+def vanishes(tables: Tables, k: int, left: Array) -> bool:
+    """Whether guard `k` is exactly zero, because a slider is at its limit."""
+    at = left[tables.element[k], AT_LIMIT]
+    if at == 0.0:
+        return False
+    m = tables.ladders.integers[k, GROUP]
+    begins = k == tables.first[m] or tables.element[k - 1] != tables.element[k]
+    return bool(begins == (at > 0.0))  # the first guard is that of the forward limit
+
+
+@kernel()
+def falls(guard: Ladder, band_factor: float, work: Workspace) -> bool:
+    """Whether a guard that is exactly zero at the start becomes negative.
+
+    Its first derivative that is not zero decides. One that vanishes has a rounding error, and
+    contributes less than the guard's own rounding error until the decisive one contributes more:
+    the sign is that with which the guard first exceeds that error.
+    """
+    y, c = work.states, work.coefficients
+    band = band_factor * EPSILON * (start_sums(guard.rows, y, START)[3] + abs(guard.offset))
+    if guard.apart:
+        expand_apart(guard, y, START, c)
+    else:
+        expand(guard.generator, guard.rows, guard.offset, y, START, c)
+    rounding, c[0] = c[0], 0.0
+    for rung in range(-_HALVINGS, guard.cell.shape[0]):
+        if rung <= 0:
+            value = polynomial(c, 0, guard.smallest * 2.0**rung)[0]
+        else:
+            value = look_ahead(guard.cell, rung, y, START)[0] + guard.offset - rounding
+        if abs(value) > band:
+            return bool(value < 0.0)
+    return False
+
+
+@kernel()
 def jumped(tables: Tables, g: int, left: Array, states: Array, band_factor: float) -> int:
     """A guard that is negative at a start, or after an event at guard `g`; -1 if none.
 
-    Those of an element that has switched are zero but for rounding, or decided. What has just come
-    to a halt is looked at first: where it slips on, others may stick that would not if it stuck.
+    Those of an element that has switched are zero but for rounding, or decided; that of a slider at
+    its limit is zero (see `falls`). What has just come to a halt is looked at first: where it slips
+    on, others may stick that would not if it stuck.
     """
     m = tables.ladders.integers[g, GROUP]
     first, guards = tables.first[m], tables.first[m + 1] - tables.first[m]
@@ -71,6 +118,8 @@ def jumped(tables: Tables, g: int, left: Array, states: Array, band_factor: floa
         k = first + (g - first + turn) % guards
         motion = left[tables.element[k], MOTION]
         if tables.event[k] not in (SWITCH, JUMP) or motion == SWITCHED:
+            continue
+        if vanishes(tables, int(k), left):
             continue
         if motion == STILL and tables.event[k] == JUMP and tables.order[k] == 0:
             continue  # what an impact has stopped moves by rounding
@@ -143,7 +192,18 @@ def disturbs(tables: Tables, g: int, rates: float, lasts: float, states: Array) 
 
 @kernel()
 def appear(tables: Tables, before: int, m: int, left: Array) -> bool:
-    """Whether stops are no longer lain at in mode `m`: then their gaps are zero, and at rest."""
+    """Whether stops are no longer lain at in mode `m`: then their gaps are zero, and at rest.
+
+    Sliders that no longer slide are at their limits; so are those that were there, until they move.
+    """
+    for element in range(left.shape[0]):
+        was, now, at = tables.slides[before, element], tables.slides[m, element], left[element]
+        if was in (1, -1):
+            at[AT_LIMIT] = was
+        if now in (1, -1):
+            at[AT_LIMIT] = 0.0
+        elif at[AT_LIMIT] != 0.0:
+            at[AT_LIMIT] = math.copysign(float(max(now, 1)), at[AT_LIMIT])
     found = False
     for k in range(tables.first[m], tables.first[m + 1]):
         element = tables.element[k]

@@ -66,9 +66,9 @@ from dynkit.systems.impact.simulation.contact_kernels import (
     chatter_completes,
     chatter_rest,
     drag,
-    is_negative,
     lifted,
     order_at_rest,
+    sign_of,
     transform,
 )
 from dynkit.systems.impact.simulation.event_kernels import (
@@ -83,6 +83,7 @@ from dynkit.systems.impact.simulation.event_kernels import (
     come_to_rest,
     copy,
     disturbs,
+    falls,
     guard_of,
     jolt,
     jumped,
@@ -93,6 +94,7 @@ from dynkit.systems.impact.simulation.event_kernels import (
     together,
     try_again,
     undecided,
+    vanishes,
 )
 from dynkit.systems.impact.simulation.law_chatter_kernels import chatter_by_law
 from dynkit.systems.impact.simulation.log_kernels import Impacts, Switches, enter, note_impact
@@ -157,7 +159,7 @@ def run(
     Parameters
     ----------
     left
-        (elements, 4) how each of them begins the flight, modified in place.
+        (elements, BEGIN) how each of them begins the flight, modified in place.
     limit
         Largest number of cells of one search.
     pause
@@ -291,7 +293,7 @@ def run(
                 else:
                     if beside is not None:  # friction decides only what contact leaves to it
                         loose = undecided(tables, k, left)
-                    order = 0 if loose else order_at_rest(gap.rows, y, band_factor)
+                    order = 0 if loose else order_at_rest(gap, y, band_factor)
                     if order > 0 and stays_in_band(gap, y, START, tables.tolerance):
                         # It would never leave the table by more: all that moves is rounding.
                         order = 0
@@ -303,13 +305,13 @@ def run(
                         return done, MODE_WANTED
                     spent += y.shape[2]
                     transform(tables.change[tables.row[k]], y, START, 0)
-                    if not loose and is_negative(ladder_at(ladders, held), y, 0, band_factor):
+                    if not loose and sign_of(ladder_at(ladders, held), y, 0, 0, band_factor) < 0:
                         # What rounding hid in flight is clear on the table: it does not hold the
                         # mass.
                         if u == 0.0:
                             transform(tables.change[tables.row[held]], y, 0, START)
                             normalise(y, gap.steady)
-                            order = order_at_rest(gap.rows, y, band_factor)
+                            order = order_at_rest(gap, y, band_factor)
                         sticks = order <= 0
                         if scraping and not sticks:
                             copy(y, KEPT, START)
@@ -370,6 +372,10 @@ def run(
             begins = k == first or tables.element[k - 1] != tables.element[k]
             own = left[tables.element[k]]
             order = int(own[ORDER]) if begins else 0
+            if beside is not None and vanishes(tables, k, left) and falls(gap, band_factor, work):
+                copy(y, START, KEPT)
+                outcome, n, best, e, rate = ROOT, 0, k, 0.0, 0.0
+                break
             found, steps, d, slope, cells = first_root(
                 gap,
                 order,

@@ -16,6 +16,7 @@ from dynkit.systems.impact.elements.element import (
     IMPACT,
     JUMP,
     LAIN,
+    RIDES,
     SWITCH,
     Element,
     EventKind,
@@ -25,7 +26,7 @@ from dynkit.systems.impact.elements.element import (
 from dynkit.systems.impact.elements.friction import LANDED, OFF, STICKS, TURNED, DryFriction
 from dynkit.systems.impact.elements.stops import HardStop
 from dynkit.systems.impact.modes.constrained import along_stops, depends, moves, pushed, rides
-from dynkit.systems.impact.modes.structure import Structure
+from dynkit.systems.impact.modes.structure import Structure, independent
 
 
 @final
@@ -147,6 +148,15 @@ class Parts:
         pairs = zip(self._elements, regimes, strict=True)
         return [regime == LAIN and isinstance(element, HardStop) for element, regime in pairs]
 
+    def slides(self, regimes: Sequence[int]) -> list[int]:
+        """For each element, how its slider slides or rides: see `Tables.slides`."""
+        both, out = sum(self.grips(regimes), ()), [0] * len(regimes)
+        for k in self._sliders:
+            regime = self._regimes[k][regimes[k]]
+            rides = RIDES if regime.anchored and self.along(both, k) else 0
+            out[k] = rides or int(np.sign(regime.stretch))
+        return out
+
     def grips(self, regimes: Sequence[int]) -> tuple[tuple[int, ...], tuple[int, ...]]:
         """Numbers of the elements that hold, and of those that stick on rows that none holds."""
         now = self.now(regimes)
@@ -157,7 +167,9 @@ class Parts:
     def along(self, others: tuple[int, ...], element: int) -> bool | None:
         """Whether other elements hold the row of an element: see `rides`."""
         if (others, element) not in self._along:
-            held = [self._elements[k] for k in others if not self._elements[k].curved]
+            given = [self._elements[k] for k in others if not self._elements[k].curved]
+            rows = np.array([element.row(self._structure.size) for element in given])
+            held = [given[k] for k in independent(rows)]
             own, curved = self._elements[element], self._elements[element].curved
             self._along[others, element] = not curved and rides(self._structure, held, own)
         return self._along[others, element]
@@ -171,14 +183,16 @@ class Parts:
         Raises
         ------
         NotImplementedError
-            When friction slips along what other friction holds.
+            When friction slips or sticks along what other friction holds.
         """
         held, sticking = self.grips(regimes)
         both, out = held + sticking, list[bool | None]()
         for k, regime in enumerate(self.now(regimes)):
             rubs = regime.halts or k in self._sliders
             rides = self.along(both if rubs else held, k)
-            if regime.halts and rides:
+            others = tuple(j for j in both if j != k)
+            bound = k in sticking and self.along(others, k) is not False
+            if bound or (regime.halts and rides):
                 raise NotImplementedError(
                     "friction must not act along what other friction holds, which leaves its "
                     f"force open; got {self._elements[k]!r}"

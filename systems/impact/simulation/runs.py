@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import time
 from functools import cache
 from typing import TYPE_CHECKING, Any, final
@@ -10,10 +11,10 @@ import numpy as np
 
 from dynkit.core.validation import Array
 from dynkit.exponential.propagators import cells_of_a_call, workspace
-from dynkit.systems.impact.elements.element import HALT, IMPACT, REST, EventKind
+from dynkit.systems.impact.elements.element import HALT, IMPACT, REST, RIDES, EventKind
 from dynkit.systems.impact.modes.constrained import ContactParadox
 from dynkit.systems.impact.modes.mode import transformed
-from dynkit.systems.impact.simulation.state import TWO_PI, ImpactState, Motion, state_of
+from dynkit.systems.impact.simulation.state import TOUCHED, TWO_PI, ImpactState, Motion, state_of
 from dynkit.systems.impact.simulation.trajectory import Ending, Impacts, Switches, Trajectory
 
 if TYPE_CHECKING:
@@ -142,7 +143,7 @@ class Course:
         clock[clock_kernels.LEFT_FROM] = clock[clock_kernels.AMBIGUOUS] = -1
         clock[clock_kernels.SEED] = seed
         clock[clock_kernels.LONGEST] = longest
-        self._left = np.zeros((len(oscillator._elements), 4))
+        self._left = np.zeros((len(oscillator._elements), clock_kernels.BEGIN))
         order = 3 if start.motion is Motion.RELEASE else 0
         self._left[start.element, :3] = _MOTIONS.index(start.motion), order, start.speed
         self._shifts: Array | None = None
@@ -174,6 +175,7 @@ class Course:
             self._close(element)
             if element in oscillator._automaton.parts.normal:
                 self._left[element, clock_kernels.MOTION] = clock_kernels.STILL
+        self._stretch()
         if oscillator._cycled:
             self._leave_section()
         self.impacts, self.ending, self.waits = 0, Ending.COUNT_REACHED, False
@@ -192,6 +194,20 @@ class Course:
             number = min(own, key=lambda k: _value_and_rate(automaton.guards[k].sum, there)[0])
         if number >= 0:  # else it stays where it is, as others hold it
             self._switch(number)
+
+    def _stretch(self) -> None:
+        """Sliders that nothing moves, and that are at their limits but for rounding, are there."""
+        clock_kernels, automaton = _kernels()[0], self._oscillator._automaton
+        mode = automaton.guards[int(self._clock[clock_kernels.GUARD])].mode
+        x, places = self._start.position, self._start.sliders
+        for k, place in zip(automaton.sliders, places.tolist(), strict=True):
+            element = self._oscillator._elements[k]
+            row = element.row(len(x))
+            stretch = element.sign * (float(row @ x) - place)
+            rounding = TOUCHED * (float(abs(row) @ abs(x)) + abs(place))
+            rides = self._tables.slides[mode, k] == RIDES
+            if rides and abs(stretch) >= element.reach - rounding:
+                self._left[k, clock_kernels.AT_LIMIT] = math.copysign(RIDES, stretch)
 
     def _switch(self, number: int) -> None:
         """Enter the mode that a guard leads to."""
@@ -348,7 +364,7 @@ class Course:
         free, k = oscillator._free, int(clock[clock_kernels.SWITCHES])
         state, automaton = self._work.states[kernels.START], oscillator._automaton
         mode, element, _, _ = automaton.table[int(clock[clock_kernels.GUARD])].tolist()
-        kind, _, speed, _ = self._left[element].tolist()
+        kind, _, speed = self._left[element, :3].tolist()
         motion = _MOTIONS[int(kind)]
         closed: list[int] = []
         if mode:

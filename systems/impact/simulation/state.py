@@ -15,6 +15,7 @@ from dynkit.core.no_motion import Diverged, Refused
 from dynkit.core.validation import Array, finite_array
 from dynkit.systems.impact.modes.constrained import rides
 from dynkit.systems.impact.modes.curves import CurvedContact
+from dynkit.systems.impact.modes.structure import independent
 
 if TYPE_CHECKING:
     from dynkit.systems.impact.elements.element import Element
@@ -185,15 +186,6 @@ def put_on(
 
 _TURNS = 40
 """Turns of putting positions onto several stops, of which each is met to rounding."""
-
-
-def independent(rows: Array) -> list[int]:
-    """Numbers of rows (k, N), the first ones, of which all are combinations."""
-    found: list[int] = []
-    for k in range(len(rows)):
-        if np.linalg.matrix_rank(rows[[*found, k]]) > len(found):
-            found.append(k)
-    return found
 
 
 def state_at(

@@ -28,7 +28,10 @@ ABOVE = 1e-300
 """Gap just after an impact: heyoka's search for roots takes an exact zero for the root."""
 
 _RELEASED = 2.0**-80
-"""Gap after a release, and slip after a halt, relative to the largest coordinate."""
+"""Gap after a release, and slip after a halt, relative to the largest coordinate and its change."""
+
+_TERMS = 3
+"""Order of the change of coordinates where velocities and accelerations may be zero."""
 
 _ROUNDS = 4
 """Turns from coordinates to positions and back, after which rounding changes nothing."""
@@ -110,8 +113,14 @@ class Position:
         return len(self._z) // 2
 
     def _above(self, motion: int) -> float:
-        """A gap or slip that is zero: what rounding of accelerations takes away is far less."""
-        return _RELEASED * float(abs(self._z).max()) if motion == SWITCHED else ABOVE
+        """A gap or slip that is zero: what rounding of accelerations takes away is far less.
+
+        At rest at zero all coordinates vanish: what they change by in a period counts as well.
+        """
+        if motion != SWITCHED:
+            return ABOVE
+        terms = self._chart.coefficients(self._z, *self._turn)[:, : _TERMS + 1]
+        return _RELEASED * float((abs(terms) * self._period ** np.arange(terms.shape[1])).max())
 
     def _place(self) -> tuple[Array, Array]:
         """Positions, with those of sliders, (N + J,), and velocities (N,)."""
