@@ -72,6 +72,7 @@ class IntegratedFlow(Flow):
 
     Examples
     --------
+    >>> from dynkit.core.validation import finite_array
     >>> @dataclass(frozen=True, kw_only=True)
     ... class Pendulum(IntegratedFlow):
     ...     damping: float = 0.1
