@@ -19,11 +19,10 @@ class Disguised(ImpactChain):
 
 
 @dataclass(frozen=True, kw_only=True)
-class TodaRing(ImpactOscillator):
-    """Unit masses on a ring of Toda's springs, which is longer by `twist` than at rest."""
+class UnitMasses(ImpactOscillator):
+    """Unit masses, whose potential a subclass gives."""
 
-    masses: int = 4
-    twist: float = 0.0
+    masses: int = 1
 
     @property
     def degrees_of_freedom(self) -> int:
@@ -31,6 +30,14 @@ class TodaRing(ImpactOscillator):
 
     def kinetic(self, v: Any) -> Any:
         return sum(u**2 for u in v) / 2
+
+
+@dataclass(frozen=True, kw_only=True)
+class TodaRing(UnitMasses):
+    """Unit masses on a ring of Toda's springs, which is longer by `twist` than at rest."""
+
+    masses: int = 4
+    twist: float = 0.0
 
     def potential(self, x: Any) -> Any:
         around = (*x[1:], x[0] + sp.Float(self.twist))

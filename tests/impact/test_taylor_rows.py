@@ -18,13 +18,12 @@ from dynkit.systems import (
     FPUTChain,
     HardStop,
     ImpactChain,
-    ImpactOscillator,
     Jenkins,
     SoftStop,
 )
 from dynkit.testing.maps import jacobian_is_the_derivative
 from tests.impact.disguised import DisguisedMatrices
-from tests.impact.taylor_cases import Disguised
+from tests.impact.taylor_cases import Disguised, UnitMasses
 from tests.reference.random_machines import random_machine
 
 TABLE = HardStop(-1, amplitude=0.1, restitution=0.6, name="table")
@@ -124,20 +123,11 @@ def test_random_machines_move_as_by_the_exact_engine(number: int) -> None:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Cubic(ImpactOscillator):
+class Cubic(UnitMasses):
     """Unit masses, each on a spring of its own with force x + x^3."""
 
-    masses: int = 1
-
-    @property
-    def degrees_of_freedom(self) -> int:
-        return self.masses
-
-    def kinetic(self, v: Any) -> Any:
-        return sum(u**2 for u in v) / 2
-
     def potential(self, x: Any) -> Any:
-        return sum(y**2 / 2 + y**4 / 4 for y in x)
+        return sum(energy(y) for y in x)
 
 
 def energy(x: Any) -> Any:

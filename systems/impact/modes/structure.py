@@ -209,11 +209,17 @@ def pivots_of(rows: Array) -> list[int]:
     return found
 
 
+_INDEPENDENT = 1e-9
+"""Relative size from which on a row depends on no others."""
+
+
 def independent(rows: Array) -> list[int]:
     """Numbers of rows (k, N), the first ones, of which all are combinations."""
-    found: list[int] = []
+    lengths, found = np.linalg.norm(rows, axis=-1, keepdims=True), list[int]()
+    units = rows / np.maximum(lengths, np.finfo(float).tiny)
     for k in range(len(rows)):
-        if np.linalg.matrix_rank(rows[[*found, k]]) > len(found):
+        sizes = np.linalg.svd(units[[*found, k]], compute_uv=False)
+        if len(found) < len(sizes) and sizes[-1] > _INDEPENDENT:
             found.append(k)
     return found
 

@@ -12,10 +12,10 @@ from dynkit.core.validation import Array
 from dynkit.systems.impact.elements.element import Regime, Watch
 from dynkit.systems.impact.elements.stops import HardStop
 from dynkit.systems.impact.modes.constrained import pushes
-from dynkit.systems.impact.modes.structure import pivots_of
+from dynkit.systems.impact.modes.structure import independent, pivots_of
 from dynkit.systems.impact.modes.taylor_chart import Chart
 from dynkit.systems.impact.modes.taylor_equations import Plan, numbers_of
-from dynkit.systems.impact.modes.taylor_scene import Scene, independent
+from dynkit.systems.impact.modes.taylor_scene import Scene
 
 _NEVER = 0.0, 0.0, 0.0, 1.0, 0.0, 0.0
 """What a guard watches that does not exist in a regime."""
@@ -61,13 +61,11 @@ class Charts:
 
         And on which sides sliders are nearer to yielding.
         """
-        elements, hard = self._scene.elements, list[int]()
+        elements, rows = self._scene.elements, self._scene.rows
         stops = [k for k, e in enumerate(elements) if isinstance(e, HardStop) and not e.curved]
         held = [k for k in self._held if not elements[k].curved]
-        for k in dict.fromkeys([*held, *([first] if first in stops else []), *stops]):
-            if self._apart([*hard, k]):
-                hard.append(k)
-        key = tuple(sorted(hard)), sides
+        order = list(dict.fromkeys([*held, *([first] if first in stops else []), *stops]))
+        key = tuple(sorted(order[i] for i in independent(rows[order]))), sides
         if key not in self._known:
             self._known[key] = self._made(*key)
         return self._known[key]
@@ -77,9 +75,6 @@ class Charts:
         """Positions and velocities themselves as coordinates."""
         slides = (self._regimes[k].stretch for k in self._scene.sliders)
         return self._made((), tuple(-1 if stretch < 0.0 else 1 for stretch in slides), rubs=False)
-
-    def _apart(self, numbers: Sequence[int]) -> bool:
-        return independent(self._scene.rows[list(numbers)])
 
     def _made(self, hard: tuple[int, ...], sides: tuple[int, ...], *, rubs: bool = True) -> Chart:
         scene, n = self._scene, self._scene.size

@@ -11,14 +11,11 @@ import numpy as np
 from dynkit.core.validation import Array
 from dynkit.systems.impact.elements.element import Element
 from dynkit.systems.impact.elements.stops import HardStop
-from dynkit.systems.impact.modes.structure import Excitation
+from dynkit.systems.impact.modes.structure import Excitation, independent
 
 if TYPE_CHECKING:
     from dynkit.systems.structure.equations import Motion
     from dynkit.systems.structure.functions import CoordinateFunction
-
-_INDEPENDENT = 1e-9
-"""Relative size from which on a row depends on no others."""
 
 
 @final
@@ -62,11 +59,9 @@ class Scene:
     @cached_property
     def dragged(self) -> tuple[int, ...]:
         """Those of them whose rows depend on those of stops, and of the ones before them."""
-        kept: list[int] = []
         stops = (k for k, e in enumerate(self.elements) if isinstance(e, HardStop) and not e.curved)
-        for k in (*stops, *self.rubs):
-            if independent(self.rows[[*kept, k]]):
-                kept.append(k)
+        order = (*stops, *self.rubs)
+        kept = [order[i] for i in independent(self.rows[list(order)])]
         return tuple(k for k in self.rubs if k not in kept)
 
     @cached_property
@@ -121,11 +116,3 @@ class Scene:
         still = element.swing(sine, cosine)
         speed = element.swing_rate(w, sine, cosine) + element.drift
         return element.offset + still, speed, -w * w * still
-
-
-def independent(rows: Array) -> bool:
-    """Whether rows (k, N) are linearly independent."""
-    if len(rows) > rows.shape[1]:
-        return False
-    lengths = np.linalg.norm(rows, axis=1)
-    return bool(np.linalg.svd(rows / lengths[:, None], compute_uv=False)[-1] > _INDEPENDENT)

@@ -224,16 +224,12 @@ class Automaton:
         """Build the next mode of a guard, unless a motion has entered it."""
         with self._lock:
             guard = self.guards[number]
-            target = self._number(self.parts.after(self.regimes[guard.mode], guard))
+            target = self._number(self._after(guard))
             for g in (guard, *(g for g in self.guards if g.mode == target)):
                 # no mode follows where stops jam; only a start rests, or opens what is not open
                 ahead = g.opens < 0 and g.watch.event != REST
                 loose = g.watch.event != JAM and (g is guard or ahead)
-                if (
-                    g.partner < 0
-                    and loose
-                    and self.parts.after(self.regimes[g.mode], g) in self.regimes
-                ):
+                if g.partner < 0 and loose and self._after(g) in self.regimes:
                     self._join(g)
                     self._tables = None
 
@@ -267,6 +263,9 @@ class Automaton:
             if regimes not in self.regimes:
                 self._build(regimes)
             return self.regimes.index(regimes)
+
+    def _after(self, guard: Guard) -> tuple[int, ...]:
+        return self.parts.after(self.regimes[guard.mode], guard)
 
     def _build(self, regimes: tuple[int, ...]) -> None:
         number, now = len(self.modes), self.parts.now(regimes)
@@ -325,10 +324,7 @@ class Automaton:
 
     def _join(self, guard: Guard) -> None:
         """Set the change of the state at the zero of a guard."""
-        one, guard.target = (
-            self.modes[guard.mode],
-            self._number(self.parts.after(self.regimes[guard.mode], guard)),
-        )
+        one, guard.target = self.modes[guard.mode], self._number(self._after(guard))
         guard.partner = self.guard(guard.target, guard.element)
         rests = guard.watch.event in (IMPACT, REST)
         stop = self._elements[guard.element] if rests else None
