@@ -15,18 +15,11 @@ from dynkit.orbits.newton import Correction, NoSolution
 from dynkit.orbits.problem import PeriodicProblem
 from dynkit.systems.impact.elements.stops import HardStop
 from dynkit.systems.impact.modes.free_motion import free_motion
-from dynkit.systems.impact.orbits.itineraries import (
-    divided,
-    responses,
-    shooting,
-)
+from dynkit.systems.impact.orbits.itineraries import divided, responses, shooting
 from dynkit.systems.impact.orbits.itineraries.borders import Begun, beginnings
 from dynkit.systems.impact.orbits.itineraries.correcting import TableCorrector, corrector_of
 from dynkit.systems.impact.orbits.itineraries.happening import Happening, Itinerary
-from dynkit.systems.impact.orbits.itineraries.itinerary import (
-    Course,
-    has_law,
-)
+from dynkit.systems.impact.orbits.itineraries.itinerary import Course, has_law
 from dynkit.systems.impact.orbits.itineraries.linear import LinearSolution
 from dynkit.systems.impact.orbits.itineraries.motion import ItinerarySolution, Lap
 from dynkit.systems.impact.orbits.itineraries.responses import ResponseSolution, Windows, windows_of
@@ -71,16 +64,15 @@ class ImpactProblem(PeriodicProblem, WatchedProblem):
 
     The unknowns are the phases (n,) of the events, not wrapped, the impulses (k,) of the impacts
     among them, changes of the relative velocity, and the states (2N + J,), with the places of J
-    sliders, just before the events that
-    are nodes, the first one at least. The equations: the guards are zero, (n,); gaps open after
-    impacts at the rate of their law, (k,); each state is what becomes of the one before. Where all
-    events are impacts of one mode, whose motions all have a restoring force, states follow from the
-    impulses and are no unknowns. Of a chatter the first impacts are events; the others, until
-    contact, are simulated. Then the nodes are the releases. Where nothing drives the machine the
-    first event is at phase 0, and the first unknown the time of a turn of the phase, of which the
-    orbit takes `periods`. Nothing in the equations knows whether a gap is open in between, or an
-    impulse positive. Where an event follows another one at which its guard is
-    zero by nature, the equation is the divided difference.
+    sliders, just before the events that are nodes, the first one at least. The equations: the
+    guards are zero, (n,); gaps open after impacts at the rate of their law, (k,); each state is
+    what becomes of the one before. Where all events are impacts of one mode, whose motions all have
+    a restoring force, states follow from the impulses and are no unknowns. Of a chatter the first
+    impacts are events; the others, until contact, are simulated. Then the nodes are the releases.
+    Where nothing drives the machine the first event is at phase 0, and the first unknown the time
+    of a turn of the phase, of which the orbit takes `periods`. Nothing in the equations knows
+    whether a gap is open in between, or an impulse positive. Where an event follows another one at
+    which its guard is zero by nature, the equation is the divided difference.
 
     The itinerary is a tuple of `Happening`; sizes are those of positions and velocities; nodes are
     numbers of events.
@@ -93,7 +85,15 @@ class ImpactProblem(PeriodicProblem, WatchedProblem):
     complete chattering, Nonlinear Dynamics 58 (2009) 85-106.
     """
 
-    _arguments: ClassVar[str] = "oscillator names periods itinerary sizes driven nodes"
+    _arguments: ClassVar = (
+        "oscillator",
+        "names",
+        "periods",
+        "itinerary",
+        "sizes",
+        "driven",
+        "nodes",
+    )
 
     def __init__(
         self,
@@ -147,13 +147,11 @@ class ImpactProblem(PeriodicProblem, WatchedProblem):
     @final
     def remade(self, **changes: Any) -> Self:
         """The same equations with other arguments of the constructor."""
-        return type(self)(
-            *(changes.get(name, getattr(self, name)) for name in self._arguments.split())
-        )
+        return type(self)(*(changes.get(name, getattr(self, name)) for name in self._arguments))
 
     def __reduce__(self) -> tuple[Any, ...]:
         # Without what is kept for the next call.
-        return type(self), tuple(getattr(self, name) for name in self._arguments.split())
+        return type(self), tuple(getattr(self, name) for name in self._arguments)
 
     # --- the itinerary ----------------------------------------------------------------------------
 

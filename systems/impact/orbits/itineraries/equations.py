@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Mapping, Sequence
-from typing import TYPE_CHECKING, Any, NamedTuple, Self, final
+from typing import Any, NamedTuple, Self, final
 
 import numpy as np
 
@@ -15,17 +15,11 @@ from dynkit.orbits.equations import Problem
 from dynkit.orbits.events import Condition, Event
 from dynkit.orbits.newton import NoSolution, orbit_bound
 from dynkit.systems.impact.orbits.borders import Border
-from dynkit.systems.impact.orbits.itineraries import (
-    crossings,
-    monodromy,
-)
+from dynkit.systems.impact.orbits.itineraries import crossings, monodromy
 from dynkit.systems.impact.orbits.itineraries.borders import borders_of, named
 from dynkit.systems.impact.orbits.itineraries.errors import error_of
 from dynkit.systems.impact.orbits.itineraries.happening import Happening
-from dynkit.systems.impact.orbits.itineraries.itinerary import (
-    counts_of,
-    returns_of,
-)
+from dynkit.systems.impact.orbits.itineraries.itinerary import counts_of, returns_of
 from dynkit.systems.impact.orbits.itineraries.motion import ItinerarySolution
 from dynkit.systems.impact.orbits.itineraries.openness import flights_are_open
 from dynkit.systems.impact.orbits.itineraries.responses import ResponseSolution
@@ -34,16 +28,11 @@ from dynkit.systems.impact.orbits.orbit import NONE, ImpactOrbit, observables_of
 from dynkit.systems.impact.orbits.problem import ImpactProblem
 from dynkit.systems.impact.simulation.state import TWO_PI
 
-if TYPE_CHECKING:
-    pass
-
-
 REPEATED = 1e-7
 """States and impulses that agree so well, in their units, are the same."""
 
 APART = 1e-6
 """Two solutions that differ by less, scaled, are the same orbit."""
-
 
 LEAST = 1e-13
 """Smaller impulses are rounding: at resonance those of all orbits are zero."""
