@@ -216,6 +216,13 @@ class SmoothMap(Family, ABC):
         """Return the coordinates (n,) of states (n, d), by name; diagrams of orbits draw them."""
         return {f"state[{i}]": column for i, column in enumerate(states.T)}
 
+    def return_time(self, state: Array) -> float:  # noqa: ARG002
+        """Return the time from a state, (d,), to the next: by default one, the iterate.
+
+        For a section of a flow it is the time of the flow.
+        """
+        return 1.0
+
     def _path(self, state: Array, samples: int) -> tuple[Array, Array] | None:  # noqa: ARG002
         """Return times (m,) and states (m, k) of the flow up to the image; None for a map.
 

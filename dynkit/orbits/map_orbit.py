@@ -45,6 +45,11 @@ class MapOrbit(KeptSolution, PeriodicOrbit):
         return self._x.size // self.system.dimension
 
     @property
+    def duration(self) -> float:
+        """Time of one turn: for a section of a flow the orbit's period, for other maps n."""
+        return float(sum(map(self.system.return_time, self.states)))
+
+    @property
     def label(self) -> str:
         """``P(n)``."""
         return f"P({self.period})"

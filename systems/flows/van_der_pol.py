@@ -31,7 +31,7 @@ class VanDerPol(SymbolicFlow):
     >>> from dynkit import Hyperplane, PoincareMap, periodic_orbit
     >>> maxima = PoincareMap(VanDerPol(mu=1.0), Hyperplane([0.0, 1.0], direction=-1), 20.0)
     >>> cycle = periodic_orbit(maxima, [[2.0]])
-    >>> round(float(cycle.states[0, 0]), 9), round(maxima.return_time(cycle.states[0]), 9)
+    >>> round(float(cycle.states[0, 0]), 9), round(cycle.duration, 9)
     (2.008619861, 6.663286859)
     """
 

@@ -288,10 +288,17 @@ class ImpactMap(DrivenStructure, Map):
         return on_section(self, state)
 
     def __call__(self, state: Array) -> Array:
+        return self.section_state(self._once(state).final)
+
+    def return_time(self, state: Array) -> float:
+        """Return the time from a state just after an impact, (d,), to the next."""
+        return self._once(state).duration
+
+    def _once(self, state: Array) -> Trajectory:
         done = self._run(self.impact_state(state), 1, store=False)
         if done.impacts < 1:
             raise NoCrossing(f"there is no next impact: {done.ending.value}")
-        return self.section_state(done.final)
+        return done
 
     @property
     def _families(self) -> str:

@@ -88,9 +88,19 @@ class CompiledMap(CodedFamily, Map):
         """Return a - b with the `angles` wrapped; (..., d) arrays."""
         gap = super().difference(a, b)
         if self.angles:
-            places = [self._coordinates.index(name) for name in self.angles]
+            places = self._angle_places
             gap[..., places] -= _TURN * np.rint(gap[..., places] / _TURN)
         return gap
+
+    @cached_property
+    def _angle_places(self) -> list[int]:
+        known = self._coordinates
+        if isinstance(self.angles, str) or not set(self.angles) <= set(known):
+            raise ValueError(
+                f"angles must be a tuple of names of coordinates, {', '.join(known)}; "
+                f"got {self.angles!r}"
+            )
+        return [known.index(name) for name in self.angles]
 
     @property
     def _coordinates(self) -> tuple[str, ...]:

@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import pickle
+import re
 import subprocess
 import sys
 from pathlib import Path
-from typing import Any
+from typing import Any, ClassVar
 
 import numba
 import numpy as np
@@ -189,6 +190,19 @@ def test_the_standard_map_keeps_areas_and_its_fixed_points_have_greenes_residues
 def test_angles_are_wrapped_to_the_shortest_way() -> None:
     gap = StandardMap().difference(at(6.2, 7.0), np.array([[0.1, 0.0], [3.0, 7.0]]))
     assert gap == pytest.approx(np.array([[6.1 - 2.0 * np.pi, 7.0], [3.2 - 2.0 * np.pi, 0.0]]))
+
+
+@pytest.mark.parametrize("given", ["xy", (0,), ("z",)])
+def test_angles_that_are_no_names_of_coordinates_are_refused(given: Any) -> None:
+    class Turned(SymbolicMap):
+        angles: ClassVar = given
+
+        def next_state(self, x: Any, y: Any) -> tuple[Any, ...]:
+            return 2 * x + y, x + y
+
+    limit = f"angles must be a tuple of names of coordinates, x, y; got {given!r}"
+    with pytest.raises(ValueError, match=re.escape(limit)):
+        Turned().difference(at(0.0, 0.0), at(0.1, 0.0))
 
 
 # --- one class, its fields and its stores ---------------------------------------------------------

@@ -9,6 +9,7 @@ import pytest
 
 from dynkit import periodic_orbit
 from dynkit.core.validation import Array
+from dynkit.orbits.map_orbit import MapOrbit
 from dynkit.orbits.newton import NoConvergence
 from dynkit.orbits.problem import PeriodicOrbit
 from dynkit.systems import BouncingBall, ImpactChain, SingleImpactOscillator
@@ -50,6 +51,8 @@ def test_bounces_of_n_periods(
     if unknowns == "impulses":
         orbit = ball.periodic_orbit(periods=n, phases=[state[1] - 1e-3])
     assert orbit.label == ("P(1)" if unknowns == "states" else f"P(1,{n})")
+    if isinstance(orbit, MapOrbit):
+        assert orbit.duration == pytest.approx(2.0 * math.pi * n / ball.frequency, abs=1e-10)
     off = abs(ball.difference(orbit.states[0], state))
     assert off.max() <= orbit.error + 8.0 * ROUNDING * state.max()
     assert orbit.error < 1e-11
