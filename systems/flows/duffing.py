@@ -1,16 +1,14 @@
 """Duffing's oscillator, driven."""
 
-import math
 from dataclasses import dataclass
+from typing import Any
 
-import numpy as np
-
-from dynkit.core.validation import Array, check_fields, finite_array, finite_scalar, positive
-from dynkit.systems.flows.integrated import IntegratedFlow
+from dynkit.core.validation import check_fields, positive
+from dynkit.systems.symbolic.flows import SymbolicFlow
 
 
-@dataclass(frozen=True, kw_only=True)
-class Duffing(IntegratedFlow):
+@dataclass(frozen=True)
+class Duffing(SymbolicFlow):
     """Duffing's oscillator: x'' + damping x' + stiffness x + cubic x^3 = force cos(phase).
 
     The state holds x, its rate v and the phase of the force, phase' = frequency. The phase grows
@@ -28,8 +26,6 @@ class Duffing(IntegratedFlow):
         By default the two-well oscillator in chaos.
     frequency : float
         Angular frequency of the force; positive.
-    tolerance : float
-        As for `IntegratedFlow`.
 
     Raises
     ------
@@ -57,38 +53,12 @@ class Duffing(IntegratedFlow):
     force: float = 0.5
     frequency: float = 1.2
 
-    dimension = 3
-
     def __post_init__(self) -> None:
         super().__post_init__()
-        check_fields(self, damping=finite_scalar, stiffness=finite_scalar, cubic=finite_scalar)
-        check_fields(self, force=finite_scalar, frequency=positive)
+        check_fields(self, frequency=positive)
 
-    def velocity(self, state: Array) -> Array:
-        x, v, phase = finite_array("state", state, (3,)).tolist()
-        spring = (self.stiffness + self.cubic * x * x) * x
-        drive = self.force * math.cos(phase)
-        return np.array([v, drive - self.damping * v - spring, self.frequency])
+    def velocity(self, x: Any, v: Any, phase: Any) -> tuple[Any, ...]:
+        from sympy import cos
 
-    def velocity_jacobian(self, state: Array) -> Array:
-        x, _, phase = finite_array("state", state, (3,)).tolist()
-        return np.array(
-            [
-                [0.0, 1.0, 0.0],
-                [
-                    -self.stiffness - 3.0 * self.cubic * x * x,
-                    -self.damping,
-                    -self.force * math.sin(phase),
-                ],
-                [0.0, 0.0, 0.0],
-            ]
-        )
-
-    def velocity_parameter_derivative(self, state: Array, name: str) -> Array:
-        x, v, phase = finite_array("state", state, (3,))
-        if name == "frequency":
-            return np.array([0.0, 0.0, 1.0])
-        rates = {"damping": -v, "stiffness": -x, "cubic": -(x**3), "force": math.cos(phase)}
-        if name not in rates:
-            self.value_of(name)  # refuses it
-        return np.array([0.0, rates[name], 0.0])
+        spring = self.stiffness * x + self.cubic * x**3
+        return v, self.force * cos(phase) - self.damping * v - spring, self.frequency

@@ -1,15 +1,13 @@
 """Lorenz's equations."""
 
 from dataclasses import dataclass
+from typing import Any
 
-import numpy as np
-
-from dynkit.core.validation import Array, check_fields, finite_array, finite_scalar
-from dynkit.systems.flows.integrated import IntegratedFlow
+from dynkit.systems.symbolic.flows import SymbolicFlow
 
 
-@dataclass(frozen=True, kw_only=True)
-class Lorenz(IntegratedFlow):
+@dataclass(frozen=True)
+class Lorenz(SymbolicFlow):
     """Lorenz's equations: x' = sigma (y - x), y' = rho x - y - x z, z' = x y - beta z.
 
     Volumes shrink at the rate sigma + 1 + beta everywhere, and (-x, -y, z) moves as (x, y, z) does.
@@ -21,8 +19,6 @@ class Lorenz(IntegratedFlow):
     ----------
     sigma, rho, beta : float
         By default Lorenz's own.
-    tolerance : float
-        As for `IntegratedFlow`.
 
     Raises
     ------
@@ -48,25 +44,5 @@ class Lorenz(IntegratedFlow):
     rho: float = 28.0
     beta: float = 8.0 / 3.0
 
-    dimension = 3
-
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        check_fields(self, sigma=finite_scalar, rho=finite_scalar, beta=finite_scalar)
-
-    def velocity(self, state: Array) -> Array:
-        x, y, z = finite_array("state", state, (3,)).tolist()
-        return np.array([self.sigma * (y - x), x * (self.rho - z) - y, x * y - self.beta * z])
-
-    def velocity_jacobian(self, state: Array) -> Array:
-        x, y, z = finite_array("state", state, (3,)).tolist()
-        return np.array(
-            [[-self.sigma, self.sigma, 0.0], [self.rho - z, -1.0, -x], [y, x, -self.beta]]
-        )
-
-    def velocity_parameter_derivative(self, state: Array, name: str) -> Array:
-        x, y, z = finite_array("state", state, (3,))
-        rows = {"sigma": [y - x, 0.0, 0.0], "rho": [0.0, x, 0.0], "beta": [0.0, 0.0, -z]}
-        if name not in rows:
-            self.value_of(name)  # refuses it
-        return np.array(rows[name])
+    def velocity(self, x: Any, y: Any, z: Any) -> tuple[Any, ...]:
+        return self.sigma * (y - x), x * (self.rho - z) - y, x * y - self.beta * z

@@ -1,15 +1,13 @@
 """Rossler's equations."""
 
 from dataclasses import dataclass
+from typing import Any
 
-import numpy as np
-
-from dynkit.core.validation import Array, check_fields, finite_array, finite_scalar
-from dynkit.systems.flows.integrated import IntegratedFlow
+from dynkit.systems.symbolic.flows import SymbolicFlow
 
 
-@dataclass(frozen=True, kw_only=True)
-class Rossler(IntegratedFlow):
+@dataclass(frozen=True)
+class Rossler(SymbolicFlow):
     """Rossler's equations: x' = -y - z, y' = x + a y, z' = b + z (x - c).
 
     For c^2 > 4 a b there are two fixed points: x = (c +- sqrt(c^2 - 4 a b))/2, y = -x/a, z = x/a.
@@ -18,8 +16,6 @@ class Rossler(IntegratedFlow):
     ----------
     a, b, c : float
         By default those of Rossler's chaotic attractor.
-    tolerance : float
-        As for `IntegratedFlow`.
 
     Raises
     ------
@@ -43,23 +39,5 @@ class Rossler(IntegratedFlow):
     b: float = 0.2
     c: float = 5.7
 
-    dimension = 3
-
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        check_fields(self, a=finite_scalar, b=finite_scalar, c=finite_scalar)
-
-    def velocity(self, state: Array) -> Array:
-        x, y, z = finite_array("state", state, (3,)).tolist()
-        return np.array([-y - z, x + self.a * y, self.b + z * (x - self.c)])
-
-    def velocity_jacobian(self, state: Array) -> Array:
-        x, _, z = finite_array("state", state, (3,)).tolist()
-        return np.array([[0.0, -1.0, -1.0], [1.0, self.a, 0.0], [z, 0.0, x - self.c]])
-
-    def velocity_parameter_derivative(self, state: Array, name: str) -> Array:
-        _, y, z = finite_array("state", state, (3,))
-        rows = {"a": [0.0, y, 0.0], "b": [0.0, 0.0, 1.0], "c": [0.0, 0.0, -z]}
-        if name not in rows:
-            self.value_of(name)  # refuses it
-        return np.array(rows[name])
+    def velocity(self, x: Any, y: Any, z: Any) -> tuple[Any, ...]:
+        return -y - z, x + self.a * y, self.b + z * (x - self.c)

@@ -38,7 +38,7 @@ def henon() -> LyapunovSpectrum:
 
 @cache
 def lorenz() -> LyapunovSpectrum:
-    flow = Lorenz(tolerance=1e-7)
+    flow = Lorenz()
     return LyapunovSpectrum.of_flow(flow, [1.0, 1.0, 20.0], interval=0.2, iterations=1000)
 
 
@@ -157,7 +157,7 @@ def test_the_dimension_of_lorenz() -> None:
 
 
 def test_a_section_has_the_flow_s_exponents_but_the_zero() -> None:
-    flow = Lorenz(tolerance=1e-7)
+    flow = Lorenz()
     plane = Hyperplane(np.array([0.0, 0.0, 1.0]), offset=27.0, direction=-1)
     section = PoincareMap(flow, plane, time_limit=10.0)
     attractor = MapAttractor(section, np.array([2.0, 2.0]), transient=20, iterations=1)
@@ -171,7 +171,7 @@ def test_a_section_has_the_flow_s_exponents_but_the_zero() -> None:
 
 
 def test_a_driven_oscillator_has_a_zero_for_its_phase() -> None:
-    flow = Duffing(tolerance=1e-8)
+    flow = Duffing()
     spectrum = LyapunovSpectrum.of_flow(flow, [1.0, 0.0, 0.0], interval=1.0, iterations=2000)
     assert spectrum.sum == pytest.approx(-0.3, abs=1e-5)
     assert spectrum.exponents[0] > 3.0 * spectrum.error[0]
@@ -187,7 +187,7 @@ def test_what_falls_to_1e_14_in_a_return_is_known() -> None:
     # The volume in the section of Rossler's attractor: by the divergence a - c + x along the motion
     # and the normal velocity x at both ends.
     plane = Hyperplane(np.array([0.0, 1.0, 0.0]), direction=-1)
-    section = PoincareMap(Rossler(tolerance=1e-9), plane, time_limit=20.0)
+    section = PoincareMap(Rossler(), plane, time_limit=20.0)
     state = section(np.array([-5.0, 0.0]))
     found = section.stretching(state, 3)
     assert found.times is not None

@@ -12,9 +12,8 @@ from scipy.spatial import cKDTree
 
 from dynkit.analysis import CorrelationDimension
 from dynkit.analysis.dimension.sums import CorrelationSums, Norm, correlation_sums
-from dynkit.systems import Henon, ImpactChain
+from dynkit.systems import Henon, ImpactChain, Lorenz
 from tests.benchmarks.report import Line, in_turns
-from tests.flows.symbolic_flows import SymbolicLorenz
 
 Array = NDArray[np.float64]
 
@@ -74,7 +73,7 @@ def beside_the_tree_of_scipy(
 
 def large_sets() -> dict[str, Array]:
     """A million states in three dimensions, and 1e5 in twenty without any structure."""
-    flow = SymbolicLorenz()
+    flow = Lorenz()
     states = np.empty((LARGE, 3))
     states[0] = flow.advance(np.array([1.0, 2.0, 20.0]), 20.0)
     for i in range(1, LARGE):

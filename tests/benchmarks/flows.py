@@ -24,10 +24,9 @@ from dynkit.analysis.work_precision.drawing import Job, draw_all
 from dynkit.analysis.work_precision.measurement import Measurement
 from dynkit.core.validation import Array
 from dynkit.plotting.figures import write_figure
-from dynkit.systems import HenonHeiles, SymbolicFlow, VanDerPol
+from dynkit.systems import HenonHeiles, Lorenz, SymbolicFlow, VanDerPol
 from tests.benchmarks.report import by_job, measured
 from tests.flows.cases import VelocityOf, followed_in_many_digits
-from tests.flows.symbolic_flows import SymbolicLorenz
 
 Rates: TypeAlias = Callable[[Any], list[Any]]
 """Rates of a state, in numbers of any kind: floats, flint's, expressions of heyoka, JAX's."""
@@ -63,7 +62,7 @@ class FlowJob:
 
 
 JOBS = {
-    "Lorenz, 10 units of time": FlowJob(SymbolicLorenz(), lorenz, (1.0, 2.0, 20.0), 10.0),
+    "Lorenz, 10 units of time": FlowJob(Lorenz(), lorenz, (1.0, 2.0, 20.0), 10.0),
     "Henon-Heiles, 100 units": FlowJob(HenonHeiles(), galaxy, (0.1, 0.2, 0.3, -0.1), 100.0),
     "van der Pol, mu = 20, 60 units": FlowJob(VanDerPol(mu=20.0), van_der_pol, (2.0, 0.0), 60.0),
 }

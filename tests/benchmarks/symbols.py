@@ -17,9 +17,9 @@ import numpy as np
 from dynkit import MapAttractor, PoincareMap, Stroboscope, continue_orbit
 from dynkit.analysis import LyapunovSpectrum
 from dynkit.core.validation import Array
-from dynkit.systems import Duffing, Henon, TodaChain
+from dynkit.systems import Duffing, Henon, Lorenz, TodaChain
 from tests.benchmarks.report import Line, in_turns
-from tests.flows.symbolic_flows import SymbolicDuffing, SymbolicLorenz
+from tests.flows import integrated_flows
 
 ITERATES, TIME, IMPACTS = 1_000_000, 1000, 2000
 START = np.array([1.0, 2.0, 20.0])
@@ -113,9 +113,9 @@ def symbols() -> Iterator[Line]:
     henon_by_hand(states[:3])
     exponents_by_hand(logs[:3])
     henon.stretching(start, 3)
-    lorenz = SymbolicLorenz()
+    lorenz = Lorenz()
     lorenz.stretching(START, 1.0, 3)
-    strobed = branch(SymbolicDuffing(force=0.2))
+    strobed = branch(Duffing(force=0.2))
     toda = TodaChain(frequency=0.9)
     jobs: list[tuple[str, Callable[[], object], str, Callable[[], object], float | None]] = [
         (
@@ -142,7 +142,7 @@ def symbols() -> Iterator[Line]:
         ),
         (
             "a branch of 47 orbits of Duffing's oscillator", strobed,
-            "`IntegratedFlow`", branch(Duffing(force=0.2)), None,
+            "`IntegratedFlow`", branch(integrated_flows.Duffing(force=0.2)), None,
         ),
         (
             f"{IMPACTS} impacts of Toda's chain of ten", lambda: toda.simulate(impacts=IMPACTS),

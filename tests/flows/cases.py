@@ -12,7 +12,8 @@ from flint import arb, arb_poly, arb_series, ctx
 
 from dynkit.core.validation import Array, finite_array
 from dynkit.dynamics.section import PoincareSection
-from dynkit.systems import Duffing, IntegratedFlow, Lorenz, Rossler
+from dynkit.systems import IntegratedFlow
+from tests.flows.integrated_flows import Duffing, Lorenz, Rossler
 
 ROUNDING = 2.0**-52
 

@@ -7,42 +7,6 @@ import sympy as sp
 from dynkit.systems import SymbolicFlow
 
 
-class SymbolicLorenz(SymbolicFlow):
-    """Lorenz's equations."""
-
-    sigma: float = 10.0
-    rho: float = 28.0
-    beta: float = 8.0 / 3.0
-
-    def velocity(self, x: Any, y: Any, z: Any) -> tuple[Any, ...]:
-        return self.sigma * (y - x), x * (self.rho - z) - y, x * y - self.beta * z
-
-
-class SymbolicRossler(SymbolicFlow):
-    """Rossler's equations."""
-
-    a: float = 0.2
-    b: float = 0.2
-    c: float = 5.7
-
-    def velocity(self, x: Any, y: Any, z: Any) -> tuple[Any, ...]:
-        return -y - z, x + self.a * y, self.b + z * (x - self.c)
-
-
-class SymbolicDuffing(SymbolicFlow):
-    """Duffing's oscillator, driven."""
-
-    damping: float = 0.3
-    stiffness: float = -1.0
-    cubic: float = 1.0
-    force: float = 0.5
-    frequency: float = 1.2
-
-    def velocity(self, x: Any, v: Any, phase: Any) -> tuple[Any, ...]:
-        spring = self.stiffness * x + self.cubic * x**3
-        return v, self.force * sp.cos(phase) - self.damping * v - spring, self.frequency
-
-
 class EveryFunction(SymbolicFlow):
     """Every function that Taylor's method takes."""
 

@@ -10,7 +10,7 @@ from flint import arb, ctx
 
 from dynkit import Hyperplane, PoincareMap, Stroboscope
 from dynkit.core.validation import Array
-from dynkit.systems import Duffing, IntegratedFlow
+from dynkit.systems import IntegratedFlow
 from dynkit.systems.flows.integration import steps
 from tests.flows.cases import (
     BITS,
@@ -19,6 +19,7 @@ from tests.flows.cases import (
     advanced_by_mpmath,
     advanced_in_many_digits,
 )
+from tests.flows.integrated_flows import Duffing
 
 DURATIONS = {"duffing": 3.0, "lorenz": 0.7, "rossler": 3.0}
 TOLERANCES = [1e-4, 1e-8, 1e-12, 1e-13]

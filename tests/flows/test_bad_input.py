@@ -12,8 +12,9 @@ import pytest
 
 from dynkit import Hyperplane, PoincareMap, Stroboscope
 from dynkit.core.no_motion import CannotFollow, NoCrossing
-from dynkit.systems import Duffing, IntegratedFlow, Lorenz, Rossler
+from dynkit.systems import IntegratedFlow
 from dynkit.systems.flows import integration
+from tests.flows.integrated_flows import Duffing, Lorenz, Rossler
 
 NAN, INF = math.nan, math.inf
 STATE = np.array([1.0, 2.0, 3.0])

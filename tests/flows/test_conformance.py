@@ -7,7 +7,6 @@ import pytest
 
 from dynkit import Hyperplane, MapAttractor, PoincareMap, Stroboscope
 from dynkit.dynamics.section import PoincareSection
-from dynkit.systems import Duffing, Lorenz, Rossler
 from dynkit.testing import (
     AttractorCheck,
     FlowCheck,
@@ -22,6 +21,7 @@ from dynkit.testing import (
     poincare_map_checks,
 )
 from tests.flows.cases import FLOWS, STATES, Parabola, Rotation
+from tests.flows.integrated_flows import Duffing, Lorenz, Rossler
 
 
 def poincare_map(flow: str, section: PoincareSection) -> PoincareMap:

@@ -12,8 +12,9 @@ from dynkit import Hyperplane, PoincareMap, PoincareSection
 from dynkit.core.no_motion import CannotFollow, NoCrossing
 from dynkit.core.validation import Array, finite_array
 from dynkit.dynamics.flow import Crossing
-from dynkit.systems import IntegratedFlow, Lorenz
+from dynkit.systems import IntegratedFlow
 from tests.flows.cases import FLOWS, ROUNDING, STATES, Parabola, Rotation
+from tests.flows.integrated_flows import Lorenz
 
 SECTIONS: list[PoincareSection] = [
     Hyperplane(np.array([1.0, 0.3, 0.0]), 0.1),

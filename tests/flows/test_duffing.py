@@ -31,7 +31,7 @@ def test_the_energy_is_kept_without_damping_and_force(
     duffing, start = free(stiffness, cubic), STATES["duffing"][place]
     end = duffing.advance(start, 20.0)
     # hundreds of steps; the energy's gradient is below 5 on these orbits
-    allowed = 1e3 * duffing.tolerance * 5.0
+    allowed = 1e3 * duffing.accuracy * 5.0
     assert energy(duffing, end) == pytest.approx(energy(duffing, start), abs=allowed)
 
 
@@ -139,7 +139,7 @@ def test_states_turned_by_half_a_period_move_alike() -> None:
 def test_labels_are_those_of_jordan_and_smith(force: float, label: str) -> None:
     # D. W. Jordan, P. Smith, Nonlinear Ordinary Differential Equations, 4th ed., Oxford 2007,
     # pp. 453-462: periods of the response for damping 0.3, frequency 1.2
-    system = stroboscopic(Duffing(force=force, tolerance=1e-7))
+    system = stroboscopic(Duffing(force=force))
     attractor = MapAttractor(system, np.array([1.0, 0.0]), transient=100, iterations=60)
     assert str(attractor.label) == label
 
@@ -147,7 +147,7 @@ def test_labels_are_those_of_jordan_and_smith(force: float, label: str) -> None:
 def test_on_another_section_the_phase_is_an_angle() -> None:
     """A motion of period 1 has one maximum a period: it recurs though the phase has grown."""
     maxima = Hyperplane(np.array([0.0, 1.0, 0.0]), 0.0, -1, angles=[2])
-    system = PoincareMap(Duffing(force=0.2, tolerance=1e-7), maxima, time_limit=20.0)
+    system = PoincareMap(Duffing(force=0.2), maxima, time_limit=20.0)
     attractor = MapAttractor(system, np.array([1.2, 0.0]), transient=100, iterations=60)
     assert str(attractor.label) == "P(1)"
     assert ((attractor.states[:, 1] >= 0.0) & (attractor.states[:, 1] <= 2.0 * np.pi)).all()

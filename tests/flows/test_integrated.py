@@ -9,8 +9,9 @@ import pytest
 
 from dynkit import Hyperplane, PoincareMap
 from dynkit.core.validation import Array, finite_array
-from dynkit.systems import IntegratedFlow, Lorenz
+from dynkit.systems import IntegratedFlow
 from tests.flows.cases import ROUNDING, STATES, Rotation
+from tests.flows.integrated_flows import Lorenz
 
 
 def test_the_tolerance_is_no_parameter() -> None:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from dynkit import Hyperplane, MapAttractor, PoincareMap
+from dynkit import Flow, Hyperplane, MapAttractor, PoincareMap
 from dynkit.core.validation import Array
 from dynkit.systems import Lorenz
 from tests.flows.cases import ROUNDING, STATES
@@ -25,8 +25,9 @@ def fixed_point(lorenz: Lorenz, sign: float) -> Array:
 def test_fixed_points_are_lorenzs(sigma: float, rho: float, beta: float, sign: float) -> None:
     lorenz = Lorenz(sigma=sigma, rho=rho, beta=beta)
     state = fixed_point(lorenz, sign) if sign else np.zeros(3)
+    flow: Flow = lorenz
     # terms are below x rho
-    assert lorenz.velocity(state) == pytest.approx(0.0, abs=4.0 * ROUNDING * rho * 15.0)
+    assert flow.velocity(state) == pytest.approx(0.0, abs=4.0 * ROUNDING * rho * 15.0)
 
 
 @pytest.mark.parametrize(("sigma", "rho", "beta"), PARAMETERS)
@@ -90,7 +91,7 @@ def test_volumes_shrink_at_a_constant_rate(place: int) -> None:
     lorenz, duration = Lorenz(), 0.4
     derivative = lorenz.derivative(STATES["lorenz"][place], duration)
     # an entry's error counts as often as its cofactor, below |J|^2, is large
-    allowed = 100.0 * lorenz.tolerance * float(np.linalg.norm(derivative)) ** 3
+    allowed = 100.0 * lorenz.accuracy * float(np.linalg.norm(derivative)) ** 3
     expected = np.exp(-(10.0 + 8.0 / 3.0 + 1.0) * duration)
     assert np.linalg.det(derivative) == pytest.approx(expected, abs=allowed)
 
@@ -113,11 +114,11 @@ AB_PERIOD = 1.5586522107161747276
 def half_turns() -> PoincareMap:
     """Upwards through z = 27: AB crosses at a point and at its mirror image."""
     plane = Hyperplane(np.array([0.0, 0.0, 1.0]), 27.0)
-    return PoincareMap(Lorenz(tolerance=1e-13), plane, time_limit=10.0)
+    return PoincareMap(Lorenz(), plane, time_limit=10.0)
 
 
 def test_the_shortest_periodic_orbit_is_that_of_viswanath() -> None:
-    end = Lorenz(tolerance=1e-13).advance(AB, AB_PERIOD)
+    end = Lorenz().advance(AB, AB_PERIOD)
     # the error of 3e-12 over a unit of time, and the multiplier 4.7
     assert end == pytest.approx(AB, abs=2e-11)
 
@@ -132,7 +133,7 @@ def test_its_period_is_that_of_viswanath() -> None:
 
 def test_half_of_it_and_the_mirror_have_the_root_of_its_multiplier() -> None:
     # the derivative over the whole period has the multipliers and 1, along the orbit
-    whole = np.linalg.eigvals(Lorenz(tolerance=1e-13).derivative(AB, AB_PERIOD))
+    whole = np.linalg.eigvals(Lorenz().derivative(AB, AB_PERIOD))
     half = np.linalg.eigvals(-half_turns().jacobian(AB[:2]))
     assert np.abs(half).max() ** 2 == pytest.approx(np.abs(whole).max(), rel=1e-9)
 
@@ -148,7 +149,7 @@ def test_the_multipliers_of_it_multiply_to_the_loss_of_volume() -> None:
 @pytest.mark.parametrize(("rho", "label"), [(160.0, "P(4)"), (350.0, "P(2)")])
 def test_labels_are_those_of_sparrow(rho: float, label: str) -> None:
     # Sparrow 1982, chapters 4 and 5: periodic orbits attract above 313 and around 160
-    lorenz = Lorenz(rho=rho, tolerance=1e-6)
+    lorenz = Lorenz(rho=rho)
     plane = Hyperplane(np.array([0.0, 0.0, 1.0]), rho - 1.0)
     system = PoincareMap(lorenz, plane, time_limit=10.0)
     start = fixed_point(lorenz, 1.0)[:2] + np.array([1.0, 2.0])

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from dynkit import Hyperplane, MapAttractor, PoincareMap
+from dynkit import Flow, Hyperplane, MapAttractor, PoincareMap
 from dynkit.core.validation import Array
 from dynkit.systems import Rossler
 from tests.flows.cases import ROUNDING, STATES
@@ -26,9 +26,10 @@ def fixed_point(rossler: Rossler, sign: float) -> Array:
 @pytest.mark.parametrize(("a", "b", "c"), PARAMETERS)
 def test_fixed_points_are_in_closed_form(a: float, b: float, c: float, sign: float) -> None:
     rossler = Rossler(a=a, b=b, c=c)
+    flow: Flow = rossler
     # terms are below c^2 / a
     allowed = 4.0 * ROUNDING * c**2 / a
-    assert rossler.velocity(fixed_point(rossler, sign)) == pytest.approx(0.0, abs=allowed)
+    assert flow.velocity(fixed_point(rossler, sign)) == pytest.approx(0.0, abs=allowed)
 
 
 @pytest.mark.parametrize("sign", [1.0, -1.0])
@@ -55,7 +56,7 @@ def test_volumes_change_at_the_divergence_along_the_motion(place: int) -> None:
     expected = np.exp(duration / 2.0 * float(weights @ np.array(trace)))
     derivative = rossler.derivative(start, duration)
     # an entry's error counts as often as its cofactor, below |J|^2, is large
-    allowed = 100.0 * rossler.tolerance * float(np.linalg.norm(derivative)) ** 3
+    allowed = 100.0 * rossler.accuracy * float(np.linalg.norm(derivative)) ** 3
     assert np.linalg.det(derivative) == pytest.approx(expected, abs=allowed)
 
 
@@ -81,7 +82,7 @@ PLANE = Hyperplane(np.array([1.0, 0.0, 0.0]))
 
 
 def returns() -> PoincareMap:
-    return PoincareMap(Rossler(tolerance=1e-13), PLANE, time_limit=50.0)
+    return PoincareMap(Rossler(), PLANE, time_limit=50.0)
 
 
 def test_the_shortest_periodic_orbit_returns_as_in_capd() -> None:
@@ -93,7 +94,7 @@ def test_its_period_is_that_of_capd() -> None:
 
 
 def test_its_monodromy_matrix_is_that_of_capd() -> None:
-    found = Rossler(tolerance=1e-13).derivative(ORBIT, PERIOD)
+    found = Rossler().derivative(ORBIT, PERIOD)
     assert found == pytest.approx(MONODROMY, abs=1e-11)
 
 
@@ -118,6 +119,6 @@ def test_it_crosses_upwards_where_chaosbook_says() -> None:
 @pytest.mark.parametrize(("c", "label"), [(2.5, "P(1)"), (3.5, "P(2)"), (4.0, "P(4)")])
 def test_the_period_doubles_as_c_grows(c: float, label: str) -> None:
     # S. H. Strogatz, Nonlinear Dynamics and Chaos, 1994, section 10.6, after Olsen and Degn (1985)
-    system = PoincareMap(Rossler(c=c, tolerance=1e-6), PLANE, time_limit=50.0)
+    system = PoincareMap(Rossler(c=c), PLANE, time_limit=50.0)
     attractor = MapAttractor(system, np.array([-3.5, 0.05]), transient=100, iterations=40)
     assert str(attractor.label) == label

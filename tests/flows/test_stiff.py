@@ -7,8 +7,9 @@ import pytest
 
 from dynkit import Hyperplane, PoincareMap
 from dynkit.core.validation import Array, finite_array
-from dynkit.systems import Duffing, IntegratedFlow, VanDerPol
+from dynkit.systems import IntegratedFlow, VanDerPol
 from dynkit.testing import check_flow
+from tests.flows.integrated_flows import Duffing
 
 
 @dataclass(frozen=True, kw_only=True)

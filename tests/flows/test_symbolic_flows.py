@@ -32,6 +32,7 @@ from dynkit.systems import (
     Duffing,
     HenonHeiles,
     Lorenz,
+    Rossler,
     SymbolicFlow,
     VanDerPol,
 )
@@ -46,17 +47,9 @@ from dynkit.testing import (
     numerical_derivative,
     poincare_map_checks,
 )
+from tests.flows import integrated_flows
 from tests.flows.cases import FLOWS, STATES, Parabola, advanced_in_many_digits
-from tests.flows.symbolic_flows import (
-    Cycle,
-    EveryFunction,
-    Explosion,
-    Kicked,
-    SymbolicDuffing,
-    SymbolicLorenz,
-    SymbolicRossler,
-    TodaRing,
-)
+from tests.flows.symbolic_flows import Cycle, EveryFunction, Explosion, Kicked, TodaRing
 from tests.flows.test_accuracy import (
     DURATIONS,
     RANDOM_BOXES,
@@ -67,9 +60,9 @@ from tests.flows.test_accuracy import (
 
 ROUNDING = 2.0**-52
 SYMBOLIC: dict[str, SymbolicFlow] = {
-    "duffing": SymbolicDuffing(),
-    "lorenz": SymbolicLorenz(),
-    "rossler": SymbolicRossler(),
+    "duffing": Duffing(),
+    "lorenz": Lorenz(),
+    "rossler": Rossler(),
 }
 SHIPPED: dict[str, tuple[SymbolicFlow, list[list[float]]]] = {
     "van der pol": (VanDerPol(mu=2.0), [[1.0, 0.5], [-2.0, 1.0]]),
@@ -237,9 +230,7 @@ def test_the_double_pendulum_is_that_of_lagrange() -> None:
 
 def test_lorenz_exponents_are_those_of_the_literature() -> None:
     # D. Viswanath, Physica D 190 (2004) 115: .9056; the sum is -(sigma + 1 + beta)
-    found = LyapunovSpectrum.of_flow(
-        SymbolicLorenz(), at(1.0, 2.0, 20.0), interval=0.5, iterations=20_000
-    )
+    found = LyapunovSpectrum.of_flow(Lorenz(), at(1.0, 2.0, 20.0), interval=0.5, iterations=20_000)
     assert (abs(found.exponents - [0.9056, 0.0, -14.5723]) <= 5.0 * found.error).all()
     assert found.sum == pytest.approx(-(10.0 + 1.0 + 8.0 / 3.0), abs=1e-9)
 
@@ -258,7 +249,7 @@ def test_orbits_of_lorenz_have_the_periods_of_viswanath(name: str, period: float
 @cache
 def _lorenz_returning() -> tuple[PoincareMap, Array]:
     plane = Hyperplane(at(0.0, 0.0, 1.0), 27.0, -1)
-    system = PoincareMap(SymbolicLorenz(), plane, time_limit=10.0)
+    system = PoincareMap(Lorenz(), plane, time_limit=10.0)
     return system, system.iterate(at(2.0, 2.0), 4000)[100:]
 
 
@@ -311,7 +302,7 @@ def test_the_fixed_points_of_chua_are_in_closed_form() -> None:
 
 def test_the_branch_of_duffing_is_that_of_the_integrated_flow() -> None:
     values = []
-    for flow in (SymbolicDuffing(force=0.2), Duffing(force=0.2)):
+    for flow in (Duffing(force=0.2), integrated_flows.Duffing(force=0.2)):
         strobed = PoincareMap(flow, Stroboscope(3), time_limit=10.0)
         orbit = MapAttractor(strobed, at(1.2, 0.1), 100, 20).periodic_orbit()
         branch = continue_orbit(orbit, "force", bounds=(0.19, 0.28))
@@ -325,7 +316,7 @@ def test_the_branch_of_duffing_is_that_of_the_integrated_flow() -> None:
 
 
 def test_stretching_is_that_of_short_intervals() -> None:
-    flow, start = SymbolicLorenz(), at(1.0, 2.0, 20.0)
+    flow, start = Lorenz(), at(1.0, 2.0, 20.0)
     whole = flow.stretching(start, 1.0, 5)
     short = Flow.stretching(flow, start, 1.0 / 16.0, 80)
     assert whole.logs == pytest.approx(short.logs.reshape(5, 16, 3).sum(axis=1), abs=1e-7)
@@ -361,7 +352,7 @@ def test_a_flow_is_compiled_once_for_all_values_of_its_parameters() -> None:
 
 
 def test_it_can_be_sent() -> None:
-    flow = SymbolicDuffing(force=0.25)
+    flow = Duffing(force=0.25)
     before = flow.advance(at(1.0, 0.0, 0.0), 3.0)
     sent = pickle.loads(pickle.dumps(flow))
     assert sent == flow
@@ -385,10 +376,10 @@ def test_where_steps_collapse_the_flow_cannot_be_followed() -> None:
 
 
 def test_no_crossing_comes_late() -> None:
-    section = PoincareMap(SymbolicDuffing(), Stroboscope(3), time_limit=5.0)
+    section = PoincareMap(Duffing(), Stroboscope(3), time_limit=5.0)
     with pytest.raises(NoCrossing, match=r"no crossing within 5\.0"):
         section(at(1.0, 0.0))
-    plane = PoincareMap(SymbolicLorenz(), Hyperplane(at(0.0, 0.0, 1.0), 200.0), time_limit=5.0)
+    plane = PoincareMap(Lorenz(), Hyperplane(at(0.0, 0.0, 1.0), 200.0), time_limit=5.0)
     with pytest.raises(NoCrossing, match=r"no crossing within 5\.0"):
         plane(at(1.0, 1.0))
 
@@ -464,4 +455,4 @@ def test_without_heyoka_one_line_says_what_to_install(monkeypatch: pytest.Monkey
     with pytest.raises(ImportError, match=r"needs heyoka.*pip install 'dynkit\[flows\]'"):
         fresh.advance(at(1.0), 1.0)
     assert fresh.velocity(at(2.0)).tolist() == [-2.0]
-    assert Lorenz().advance(at(1.0, 2.0, 20.0), 0.1).shape == (3,)
+    assert integrated_flows.Lorenz().advance(at(1.0, 2.0, 20.0), 0.1).shape == (3,)

@@ -27,9 +27,10 @@ from dynkit.core.no_motion import Diverged, Refused
 from dynkit.core.validation import Array
 from dynkit.dynamics.flow import Flow
 from dynkit.orbits.newton import NoSolution
-from dynkit.systems import Henon, IntegratedFlow, Rossler
+from dynkit.systems import Henon, IntegratedFlow
 from dynkit.testing import check_map
 from tests.example_systems import DampedRotation
+from tests.flows.integrated_flows import Rossler
 from tests.maps.without_jacobian import without_jacobian
 from tests.validation.random_maps import random_polynomial
 

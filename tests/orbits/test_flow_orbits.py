@@ -17,8 +17,8 @@ from dynkit import (
 )
 from dynkit.core.no_motion import Refused
 from dynkit.core.validation import Array
-from dynkit.systems import Duffing, Lorenz, Rossler
 from dynkit.testing import numerical_derivative
+from tests.flows.integrated_flows import Duffing, Lorenz, Rossler
 
 PLANE = Hyperplane(np.array([0.0, 0.0, 1.0]), 27.0, -1)
 SYSTEMS: dict[str, tuple[PoincareMap, list[list[float]]]] = {

@@ -109,7 +109,7 @@ def test_a_neimark_sacker_bifurcation() -> None:
 
 
 def test_duffings_oscillator_settles_on_what_branches_off() -> None:
-    duffing = Duffing(force=0.25, tolerance=1e-9)
+    duffing = Duffing(force=0.25)
     stroboscopic = PoincareMap(duffing, Stroboscope(3), time_limit=10.0)
     found = branch(stroboscopic, [1.2, 0.1], "force", (0.25, 0.28))
     doubling = only(found, "PD")
@@ -120,7 +120,7 @@ def test_duffings_oscillator_settles_on_what_branches_off() -> None:
     place = int(np.argmax(second.parameter))
     force = float(second.parameter[place])
     assert force > doubling.value
-    attractor = MapAttractor(stroboscopic.replace(force=force), np.array([1.0, 0.0]), 60, 20)
+    attractor = MapAttractor(stroboscopic.replace(force=force), np.array([1.0, 0.0]), 400, 20)
     states = second.orbit(place).states
     gaps = abs(states[:, None] - attractor.states[-2:][None]).max(axis=2)
     assert second.stable[place]

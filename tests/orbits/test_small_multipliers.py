@@ -20,7 +20,8 @@ from dynkit import (
 from dynkit.analysis.lyapunov import LyapunovSpectrum
 from dynkit.core.validation import Array, finite_array
 from dynkit.dynamics.map import Map
-from dynkit.systems import Duffing, IntegratedFlow, Logistic, Lorenz, Rossler
+from dynkit.systems import IntegratedFlow, Logistic
+from tests.flows.integrated_flows import Duffing, Lorenz, Rossler
 from tests.validation.cycles import VAN_DER_POL, VanDerPol, exact_multiplier, van_der_pol
 
 TOP = Hyperplane(np.array([0.0, 1.0]), direction=-1)

@@ -7,12 +7,12 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from dynkit import Hyperplane, PoincareMap, Stroboscope
+from dynkit import Hyperplane, PoincareMap, Stroboscope, systems
 from dynkit.core.no_motion import NoCrossing
 from dynkit.core.validation import Array
 from dynkit.dynamics.flow import Flow
-from dynkit.systems import Duffing, IntegratedFlow, Lorenz, Rossler, SymbolicFlow
-from tests.flows.symbolic_flows import SymbolicDuffing, SymbolicLorenz, SymbolicRossler
+from dynkit.systems import IntegratedFlow, SymbolicFlow
+from tests.flows.integrated_flows import Duffing, Lorenz, Rossler
 
 CASES = 1500
 ORDER, LONGEST = 30, 0.02
@@ -39,9 +39,9 @@ BOXES: dict[type[IntegratedFlow], Any] = {
 }
 
 SYMBOLIC: dict[type[IntegratedFlow], SymbolicFlow] = {
-    Duffing: SymbolicDuffing(),
-    Lorenz: SymbolicLorenz(),
-    Rossler: SymbolicRossler(),
+    Duffing: systems.Duffing(),
+    Lorenz: systems.Lorenz(),
+    Rossler: systems.Rossler(),
 }
 
 
