@@ -15,6 +15,7 @@ from dynkit.continuation.method import ContinuationMethod
 from dynkit.continuation.orbit_equations import CurveEquations
 from dynkit.continuation.points import Point, beside, interpolated, rescaled
 from dynkit.continuation.termination import Bound, Ending, Reason
+from dynkit.core.progress import late_bar
 from dynkit.core.validation import Array
 from dynkit.orbits.newton import Direction, correct
 
@@ -94,6 +95,15 @@ class Continuation:
             before, point = point, after
         limit = f"{Reason.LIMIT.value}: {self.method.points}, at {self._place(point)}"
         yield Ending(Reason.LIMIT, limit)
+
+    def shown(self) -> Iterator[Point | Ending]:
+        """Yield the same items; a terminal shows the number of points and where the last one is."""
+        with late_bar("branch", "point") as bar:
+            for item in self:
+                yield item
+                if isinstance(item, Point):
+                    bar.set_postfix_str(self._place(item), refresh=False)
+                    bar.update()
 
     def _at(self, point: Point) -> Continuation:
         """Return the continuation with the equations near a point."""

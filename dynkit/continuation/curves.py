@@ -256,7 +256,7 @@ def continue_curve(
 
     def follow(point: Point) -> Trace:
         near, found = equations.near(point.y), Trace()
-        for each in Continuation(near, point, tuple(limits), method, _accept):
+        for each in Continuation(near, point, tuple(limits), method, _accept).shown():
             if isinstance(each, Ending):
                 found.ending = each
                 break

@@ -51,7 +51,7 @@ def trace(problem: Problem, curve: Continuation, inadmissible: bool) -> Trace:
         Whether it continues where the orbits are inadmissible.
     """
     found = Trace()
-    for point in curve:
+    for point in curve.shown():
         if isinstance(point, Ending):
             found.ending = point
             break

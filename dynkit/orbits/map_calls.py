@@ -8,6 +8,7 @@ from typing import final
 import numpy as np
 
 from dynkit.core.no_motion import NoMotion
+from dynkit.core.progress import late_bar
 from dynkit.core.smooth_map import SmoothMap
 from dynkit.core.validation import Array
 
@@ -31,6 +32,7 @@ class MapCalls:
         self.system = system
         self.most = most
         self.made = 0
+        self.bar = late_bar("search", "call", most)
 
     def next(self, state: Array) -> Array:
         """Return the next state, (d,)."""
@@ -48,6 +50,7 @@ class MapCalls:
         if self.made >= self.most:
             raise Spent
         self.made += 1
+        self.bar.update()
         try:
             with np.errstate(over="ignore", invalid="ignore", divide="ignore"):
                 found = np.asarray(function(state), dtype=np.float64)

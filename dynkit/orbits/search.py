@@ -177,12 +177,13 @@ def find_orbits(
     counted = MapCalls(system, positive_integer("calls", calls))
     found = _Found(system, longest)
     limit = given + _BESIDE * (given[:, 1] - given[:, 0])[:, None] * np.array([-1.0, 1.0])
-    if system.dimension == 1 and not angles(system).any():
-        resolved, region, how = _by_laps(counted, found, given, limit)
-    elif system.dimension <= _COVERED:
-        resolved, region, how = _by_cells(counted, found, given, limit)
-    else:
-        resolved, region, how = _by_returns(counted, found, given)
+    with counted.bar:
+        if system.dimension == 1 and not angles(system).any():
+            resolved, region, how = _by_laps(counted, found, given, limit)
+        elif system.dimension <= _COVERED:
+            resolved, region, how = _by_cells(counted, found, given, limit)
+        else:
+            resolved, region, how = _by_returns(counted, found, given)
     sides = " x ".join(f"[{low:.6g}, {high:.6g}]" for low, high in region.tolist())
     spent = f"; the budget of {counted.most} calls was used up" if found.spent else ""
     asked = "P(1)" if longest == 1 else f"P(1) to P({longest})"

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import sys
 from collections.abc import Iterable, Iterator, Sequence
 from contextlib import ExitStack
 from dataclasses import replace
@@ -13,6 +12,7 @@ from typing import TYPE_CHECKING, Any, final
 import numpy as np
 
 from dynkit.core.cost import Cost
+from dynkit.core.progress import late_bar
 from dynkit.core.reprs import Facts, largest, system_repr
 from dynkit.core.validation import (
     Array,
@@ -55,9 +55,8 @@ _TWINS, _SAFETY = 3, 4.0
 # Limit of a twin's search for an event: cells, and cells per cell of the whole run.
 _LEAST_CELLS, _CELLS_OF_TWINS = 10_000, 64
 
-# Numbers in a batch of states (about thirty such arrays exist at once: 60 MB), and seconds after
-# which a progress bar appears.
-_NUMBERS, _QUIET = 1 << 18, 2.0
+# Numbers in a batch of states: about thirty such arrays exist at once, 60 MB.
+_NUMBERS = 1 << 18
 
 
 def twin_errors(
@@ -84,11 +83,7 @@ def twin_errors(
     with ExitStack() as stack:
         bar: Any = None
         if count > batch_size(system):
-            from tqdm import tqdm
-
-            bar = stack.enter_context(
-                tqdm(total=count, desc="error", unit="impact", file=sys.stderr, delay=_QUIET)
-            )
+            bar = stack.enter_context(late_bar("error", "impact", count))
         for batch in batches:
             worst = 2.0**-52 * abs(batch.states).max(axis=1, initial=0.0)
             for twin in twins:

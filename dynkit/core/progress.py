@@ -1,0 +1,20 @@
+"""Progress of long computations, on a terminal."""
+
+from __future__ import annotations
+
+import sys
+from typing import Any
+
+# Seconds after which a bar appears.
+_QUIET = 2.0
+
+
+def late_bar(what: str, unit: str, total: int | None = None) -> Any:
+    """Return a bar of tqdm on standard error, where this is a terminal.
+
+    It appears after two seconds, and is removed at the end.
+    """
+    from tqdm import tqdm
+
+    how: dict[str, Any] = {"delay": _QUIET, "leave": False, "disable": None}
+    return tqdm(desc=what, unit=f" {unit}", total=total, file=sys.stderr, **how)

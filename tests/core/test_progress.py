@@ -1,0 +1,34 @@
+"""Bars of long computations: on a terminal, after a while, and gone at the end."""
+
+import io
+import sys
+
+import pytest
+
+from dynkit import continue_orbit, find_orbits, periodic_orbit
+from dynkit.core import progress
+from dynkit.systems import Henon
+
+
+class Terminal(io.StringIO):
+    def isatty(self) -> bool:
+        return True
+
+
+@pytest.mark.parametrize(
+    ("stderr", "quiet", "shown"),
+    [(Terminal(), 1e-9, True), (Terminal(), 1e9, False), (io.StringIO(), 1e-9, False)],
+)
+def test_branches_and_searches_show_how_far_they_are(
+    stderr: io.StringIO, quiet: float, shown: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(progress, "_QUIET", quiet)
+    monkeypatch.setattr(sys, "stderr", stderr)
+    monkeypatch.setenv("TQDM_MININTERVAL", "0")
+    orbit = periodic_orbit(Henon(a=0.2), [0.8, 0.2])
+    continue_orbit(orbit, "a", bounds=(0.1, 0.3))
+    find_orbits(Henon(), 1, [(-2.0, 2.0), (-1.0, 1.0)], calls=300)
+    lines = stderr.getvalue().split("\r")
+    for found in ("a 0.1", "a 0.3", "search"):
+        assert any(found in line for line in lines) == shown
+    assert not lines[-1].strip()
