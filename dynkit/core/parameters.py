@@ -19,9 +19,15 @@ class Family(Shown):
     The fields in the body of a subclass, such as ``rate: float = 3.0``, are its arguments, as in a
     frozen dataclass, with or without the decorator. Fields that are numbers are its parameters. A
     class that defines ``__init__`` defines `parameters` and `replace` as well.
+
+    Raises
+    ------
+    TypeError
+        When a class is defined with a field that has the name of a method or property of its bases.
     """
 
     def __init_subclass__(cls, **options: Any) -> None:
+        _refuse_hiding(cls)
         for base in cls.__mro__[1:]:  # a base class has its decorator applied by now
             _make_dataclass(base)
         super().__init_subclass__(**options)
@@ -102,6 +108,20 @@ def _make_dataclass(cls: type) -> None:
     if any(_is_field(kind) for kind in inspect.get_annotations(cls).values()):
         inherited = getattr(cls, "__dataclass_fields__", {}).values()
         dataclasses.dataclass(frozen=True, kw_only=any(f.kw_only for f in inherited))(cls)
+
+
+def _refuse_hiding(cls: type) -> None:
+    """Refuse fields of a class that hide what its bases compute, such as a matrix `stiffness`."""
+    for name, annotation in inspect.get_annotations(cls).items():
+        base = next((base for base in cls.__mro__[1:] if name in vars(base)), object)
+        hidden = vars(base).get(name)
+        computed = callable(hidden) or isinstance(hidden, (property, cached_property))
+        abstract = getattr(hidden, "__isabstractmethod__", False)
+        if computed and not abstract and _is_field(annotation):
+            raise TypeError(
+                f"{cls.__name__} must not have a field {name!r}: {base.__name__} has a method or "
+                "property of this name; give the field another one"
+            )
 
 
 def _is_field(annotation: Any) -> bool:
