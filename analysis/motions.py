@@ -45,7 +45,7 @@ def attractor_of(given: object) -> Attractor:
     if not isinstance(attractor, Attractor):
         raise ValueError(f"attractor must be an Attractor; got {given!r}")
     if not len(attractor.states):
-        raise ValueError("attractor must have a state; got one that came to rest")
+        raise ValueError("attractor must have a state; got one without impacts")
     return attractor
 
 

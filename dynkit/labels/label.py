@@ -18,7 +18,7 @@ class OrbitKind(Enum):
     STICKING = "periodic with sticking"
     CHAOTIC = "chaotic"
     UNSETTLED = "unsettled"
-    AT_REST = "at rest"
+    NO_IMPACTS = "no impacts"
     QUASI_PERIODIC = "quasi-periodic"
 
 
@@ -41,7 +41,8 @@ class OrbitLabel:
         Measured recurrence, in the same units. For a periodic orbit, the largest distance between
         states a period apart; it may exceed the tolerance when the motion settles geometrically.
         For a quasi-periodic motion, the largest distance of a state from a smooth closed curve
-        through its neighbours, relative to the size of the curve. Otherwise, the smallest distance
+        through its neighbours, relative to the size of the curve. Of a motion without further
+        impacts, zero where they are excluded, else infinity. Otherwise, the smallest distance
         of the last state to an earlier one, or infinity when there was none to compare.
     simulated : int
         Number of examined states, including those for the growth of disturbances.
@@ -122,15 +123,14 @@ class OrbitLabel:
         For P(n,m) and P(inf,m) it is the `recurrence`, the relative distance of states a period
         apart; a drift slower than the window may be smaller than this. For a quasi-periodic motion
         it is also the `recurrence`, the relative distance of the states from closed curves; the
-        rotation number has the `rotation_error`. For chaos it is the `chance`, a p-value. It is
-        zero for a motion at rest, where a proof excludes further impacts at double precision, and
-        infinite for an unsettled one.
+        rotation number has the `rotation_error`. For chaos it is the `chance`, a p-value. For a
+        motion without further impacts it is zero where these are excluded, by a proof or because
+        the motion cannot go on, and infinite where the search for one was given up. It is infinite
+        for an unsettled motion.
         """
-        if self.kind in (OrbitKind.PERIODIC, OrbitKind.STICKING, OrbitKind.QUASI_PERIODIC):
-            return self.recurrence
         if self.kind is OrbitKind.CHAOTIC:
             return self.chance
-        return 0.0 if self.kind is OrbitKind.AT_REST else np.inf
+        return np.inf if self.kind is OrbitKind.UNSETTLED else self.recurrence
 
     @property
     def stable(self) -> bool | None:

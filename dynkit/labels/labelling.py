@@ -43,6 +43,8 @@ class Window:
     release_error : callable or None
         Function of n that returns the largest error of a coordinate of the n-th release after the
         first, from rounding since the beginning of the window. None for exact releases.
+    given_up : bool
+        Whether the search for the next state was given up, where there are fewer than asked for.
     """
 
     states: Array
@@ -50,6 +52,7 @@ class Window:
     releases: Array | None = None
     release_times: Array | None = None
     release_error: Callable[[int], float] | None = None
+    given_up: bool = False
 
 
 class OrbitSource(Protocol):
@@ -66,7 +69,7 @@ class OrbitSource(Protocol):
     def more(self, count: int) -> Window:
         """Return the next count states; the first call begins with the first state of the orbit.
 
-        Fewer than count states mean that the motion came to rest, and that no more follow.
+        Fewer than count states mean that no more follow, or that the search was given up.
         """
         ...
 
@@ -148,7 +151,8 @@ def _decided(source: OrbitSource, kept: int, tolerance: float, budget: int | Non
         window = source.more(request)
         seen, spent = seen + len(window.states), spent + len(window.states)
         if len(window.states) < request:
-            return OrbitLabel(OrbitKind.AT_REST, None, None, tolerance, np.inf, spent)
+            doubt = np.inf if window.given_up else 0.0
+            return OrbitLabel(OrbitKind.NO_IMPACTS, None, None, tolerance, doubt, spent)
         orbit = _recurrences(window, source)
         nearest = float(orbit.from_last.min(initial=np.inf))
         period = orbit.recurrent(tolerance) or orbit.settling(_NEAR * tolerance)

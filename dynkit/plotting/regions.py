@@ -54,8 +54,8 @@ def css_of(regions: Sequence[Region]) -> list[tuple[str, str]]:
 
     Examples
     --------
-    >>> css_of([Region("chaotic", (0.0, 0.0, 0.0)), Region("at rest"), Region("unsettled")])
-    [('chaotic', '#000000'), ('at rest', '#f2f2f2'), ('unsettled', '#bfbfbf')]
+    >>> css_of([Region("chaotic", (0.0, 0.0, 0.0)), Region("no impacts"), Region("unsettled")])
+    [('chaotic', '#000000'), ('no impacts', '#f2f2f2'), ('unsettled', '#bfbfbf')]
     """
     from matplotlib.colors import to_hex
 

@@ -82,7 +82,7 @@ def test_coulombs_friction_takes_as_much_in_each_half_cycle() -> None:
     assert abs(expected[-1]) <= force < abs(expected[-2])
     with pytest.raises(NoCrossing, match="does not return to its section"):
         ground(record.states[-1])
-    assert ground.attractor().label.kind.value == "at rest"
+    assert ground.attractor().label.kind.value == "no impacts"
 
 
 MACHINE = ImpactChain(
@@ -190,7 +190,7 @@ def test_sweeps_cross_from_cycles_to_steady_sliding() -> None:
         slow, "belt.velocity", [0.05, 0.1, 5.0], transient=50, keep=5, progress=False
     )
     assert found.counts.tolist() == [5, 5, 0]
-    assert [label.name for label in found.labels] == ["P(1)", "P(1)", "at rest"]
+    assert [label.name for label in found.labels] == ["P(1)", "P(1)", "no impacts"]
     # What slides steadily rests where the spring is as strong as friction.
     sliding = slow.replace(**{"belt.velocity": 5.0}).simulate(impacts=5)
     assert sliding.sample([200.0])[0] == pytest.approx(np.array([[0.5]]), abs=1e-8)

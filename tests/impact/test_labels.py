@@ -116,11 +116,11 @@ def test_sticking_motions_count_table_periods_and_no_impacts() -> None:
 
 
 @pytest.mark.parametrize("offset", [-3.0, 0.5])
-def test_a_motion_that_ends_is_at_rest(offset: float) -> None:
+def test_a_motion_that_ends_has_no_impacts(offset: float) -> None:
     chain = ImpactChain(masses=3, offset=offset, frequency=0.1)
     start = chain.state(np.array([0.5, 1.0, 1.5]))
     label = chain.attractor(start=start).label
-    assert label.kind is OrbitKind.AT_REST
+    assert label.kind is OrbitKind.NO_IMPACTS
 
 
 def test_dead_impacts_are_labelled_by_their_periods() -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from functools import cache
 from typing import Any
 
@@ -17,6 +18,7 @@ from dynkit.systems import (
     ImpactChain,
     Jenkins,
     MatrixOscillator,
+    SingleImpactOscillator,
     SoftStop,
     ViscoelasticSpheres,
 )
@@ -136,6 +138,22 @@ def test_a_motion_that_impacts_no_more_is_left_soon(monkeypatch: pytest.MonkeyPa
     place, velocity = record.sample([quiet.period])
     again = np.append(place, velocity)
     assert abs(again - quiet.states[0]).max() < 1e-12
+
+
+@pytest.mark.parametrize(("frequency", "bounds"), [(4.0, (1.0, 4.0)), (0.3, (0.3, 1.0))])
+def test_a_single_mass_grazes_where_its_response_reaches_the_stop(
+    frequency: float, bounds: tuple[float, float]
+) -> None:
+    # the amplitude is |1 - w^2 + 2 i z w|^-1: (1 - w^2)^2 + (2 z w)^2 = 1/4 where it is 2
+    mass = SingleImpactOscillator(frequency=frequency, stop=2.0, damping_ratio=0.05)
+    branch = continue_orbit(mass.attractor().periodic_orbit(), "frequency", bounds=bounds)
+    (border,) = branch.bifurcations
+    half = 1.0 - 2.0 * 0.05**2
+    root = math.sqrt(half**2 - 0.75)
+    expected = math.sqrt(half + root if frequency > 1.0 else half - root)
+    assert border.kind == "GR"
+    assert abs(border.value - expected) <= border.error + 2.0**-52
+    assert (branch.admissible == ((branch.parameter - expected) * (frequency - 1.0) >= 0.0)).all()
 
 
 def test_a_mass_that_stays_on_a_table_while_a_slider_slips_has_an_orbit() -> None:

@@ -214,9 +214,9 @@ def test_sticking_that_dies_out_is_forgotten() -> None:
     assert str(label_orbit(Passing(cycle(3), regular_times(3, 2)))) == "P(3,2)"
 
 
-def test_a_source_that_ends_is_at_rest() -> None:
+def test_a_source_that_ends_has_no_impacts() -> None:
     label = label_orbit(Synthetic(cycle(7), ends_after=60))
-    assert (label.kind, str(label)) == (OrbitKind.AT_REST, "at rest")
+    assert (label.kind, str(label)) == (OrbitKind.NO_IMPACTS, "no impacts")
 
 
 def test_a_rotation_is_quasi_periodic() -> None:

@@ -215,7 +215,7 @@ def test_motions_that_rest_are_told_by_their_ends() -> None:
     chain = ImpactChain(masses=1, frequency=1.0, offset=-2.0)
     found = basins(chain, [[0.1, 0.0, 0.0], [-0.5, 0.1, 0.0]], **BRIEF)
     (basin,) = found.basins
-    assert basin.label.kind is OrbitKind.AT_REST
+    assert basin.label.kind is OrbitKind.NO_IMPACTS
     assert basin.ending == "no mass can reach a stop any more"
     assert basin.count == 2
 

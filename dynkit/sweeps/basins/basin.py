@@ -19,10 +19,10 @@ class Basin:
     label : OrbitLabel
         Label of the motion from the first start in the basin.
     ending : str
-        Why the simulation of that start ended; for a motion at rest, the kind of rest.
+        Why the simulation of that start ended; for a motion without impacts, why there are none.
     states : (n, d) array
         The states of the orbit, in their order, read-only. Chaotic and quasi-periodic motions have
-        a sample of their states, motions at rest have none.
+        a sample of their states, motions without impacts have none.
     start : tuple of int
         Index of the first start in the basin.
     count : int

@@ -82,7 +82,7 @@ class Look:
     def states_after(self, state: Any, count: int) -> tuple[Array, Any]:
         """Return the next states, (count, d), after a state, and the start after the last.
 
-        There are fewer when the motion comes to rest.
+        There are fewer when the motion has no more.
         """
         motion = self.system.attractor(start=state, transient=1, keep=count)
         return motion.states, motion.final

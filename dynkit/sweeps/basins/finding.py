@@ -47,7 +47,7 @@ def basins(
     ends within these 2512 states, the later motion decides. Quasi-periodic motions are compared in
     the same way, after as many states as their labels examined.
 
-    Motions at rest are separated by the reasons of their endings.
+    Motions without impacts are separated by the reasons of their endings.
 
     Of 1000 or more starts of an impact oscillator, a sample as large as the square root of their
     number is simulated first. Any other motion ends when it is within 1e-8 of a stable periodic

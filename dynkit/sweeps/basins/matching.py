@@ -190,7 +190,7 @@ class _Compared:
 
 def _rests(rows: Rows) -> Iterator[_Group]:
     endings: Sequence[str] = rows.texts["ending"]
-    left = _places(rows, OrbitKind.AT_REST)
+    left = _places(rows, OrbitKind.NO_IMPACTS)
     for ending in dict.fromkeys(endings[place] for place in left.tolist()):
         members = np.array([place for place in left.tolist() if endings[place] == ending])
         first = int(members[0])

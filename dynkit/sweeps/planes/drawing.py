@@ -49,7 +49,7 @@ def regions_of(
         (where_is(OrbitKind.QUASI_PERIODIC), Region("quasi-periodic", ink(0.97), "----")),
         (where_is(OrbitKind.CHAOTIC), Region("chaotic", ink())),
         (where_is(OrbitKind.UNSETTLED), Region("unsettled", None, "xxxx")),
-        (where_is(OrbitKind.AT_REST), Region("at rest", None)),
+        (where_is(OrbitKind.NO_IMPACTS), Region("no impacts", None)),
         (names == "no motion", Region("no motion", None, "....")),
         (names == "refused", Region("refused", None, "xx")),
     )

@@ -190,7 +190,7 @@ class ImpactAttractor(Attractor):
         ------
         ValueError
             When the attractor is neither P(n,m) nor P(inf,m), nor a cycle that nothing drives, nor
-            a motion of a driven machine with elements that hits no stop any more, P(0,1).
+            a motion of a driven machine that hits no stop any more, P(0,1).
         NoConvergence
             When the motion is still too far from the orbit, or that is one of a family, as where a
             slider of a `Jenkins` element never slips.
@@ -205,12 +205,12 @@ class ImpactAttractor(Attractor):
             return orbit_near(self._system, self.final, 1)
         n, m = self.label.iterates, self.label.periods
         rest = max(self.label.simulated - len(self.record), 0)  # so long it took to settle
-        if self.label.kind is OrbitKind.AT_REST and not self._system._table_alone:
+        if self.label.kind is OrbitKind.NO_IMPACTS:
             last = self._system.simulate(impacts=rest + 1, start=self.final)
             if last.ending in _GOES_ON and self._system._excitation.turns:
                 return orbit_near(self._system, last.final, 1)
         if n is m is None:
-            raise ValueError(f"attractor must be P(n,m) or P(inf,m); it is {self.label}")
+            raise ValueError(f"attractor must be P(n,m) or P(inf,m); its label is '{self.label}'")
         if n is None:
             assert m is not None
             return sticking_orbit_of(self._system, self.final, m)
@@ -311,7 +311,8 @@ class _ImpactOrbit:
         times = None if self.system._cycled else (self.clock + record.time) / period
         if self.system._several:
             states = np.column_stack([states, record.element])
-        return Window(states, times, releases, release_times, release_error)
+        given_up = record.ending is Ending.SEARCH_LIMIT
+        return Window(states, times, releases, release_times, release_error, given_up)
 
     def difference(self, a: Array, b: Array) -> Array:
         return np.asarray(a - b)
