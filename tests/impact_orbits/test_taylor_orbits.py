@@ -89,6 +89,16 @@ LINEAR: dict[str, tuple[dict[str, Any], list[str]]] = {
         },
         ["gap.offset", "gap.restitution", "frequency"],
     ),
+    "a mass that never leaves its stop": (
+        {
+            "masses": 2,
+            "frequency": 0.7,
+            "constant_forces": [0.0, -2.0],
+            "harmonic_forces": [0.3, 0.0],
+            "elements": [HardStop(1, offset=0.1, restitution=0.5, name="floor")],
+        },
+        ["frequency", "floor.offset"],
+    ),
 }
 
 

@@ -22,12 +22,6 @@ _ROUNDING = 2.0**-52
 class LinearSolution(ShootingSolution):
     """The motion of an itinerary where flights are linear."""
 
-    @property
-    def _closed(self) -> list[int]:
-        """Stops that never open: their gaps, and the rates of these, are put to zero at nodes."""
-        held = set(self.itinerary[0].mode.held).intersection(*(e.mode.held for e in self.itinerary))
-        return sorted(k for k in held if k < len(self.oscillator._stops))
-
     @cached_property
     def flows(self) -> Any:
         """A, (n, D, D), of the modes that follow the events, and chatters."""

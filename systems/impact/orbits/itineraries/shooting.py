@@ -145,10 +145,11 @@ class ShootingSolution(ItinerarySolution):
         """Flights (n,) after the events."""
         return [self.flights(event.mode) for event in self.following]
 
-    @property
+    @cached_property
     def _closed(self) -> list[int]:
-        """Stops whose gaps, and the rates of these, are put to zero at nodes."""
-        return []
+        """Stops that never open: their gaps, and the rates of these, are put to zero at nodes."""
+        held = set(self.itinerary[0].mode.held).intersection(*(e.mode.held for e in self.itinerary))
+        return sorted(k for k in held if k < len(self.oscillator._stops))
 
     @cached_property
     def _way(self) -> tuple[Any, Any, Any, Any, dict[int, Chatter]]:
