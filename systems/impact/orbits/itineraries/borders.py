@@ -28,6 +28,7 @@ from dynkit.systems.impact.orbits.flights import Curve
 from dynkit.systems.impact.orbits.itineraries.happening import Happening, Itinerary
 from dynkit.systems.impact.orbits.itineraries.itinerary import regimes_of
 from dynkit.systems.impact.orbits.itineraries.motion import SAME
+from dynkit.systems.impact.orbits.itineraries.parting import reversed_order
 from dynkit.systems.impact.orbits.itineraries.shooting import ShootingSolution
 from dynkit.systems.impact.orbits.machine import Regimes
 
@@ -289,7 +290,9 @@ class VanishingInterval(Border):
     def neighbour(self, x: Array, p: Array) -> tuple[Problem, Array] | None:
         s, i = self.problem.at(x, p), self.part
         j = (i + 1) % s.events
-        if s.itinerary[i].element != s.itinerary[j].element or self._kicks(s, [i, j]):
+        if s.itinerary[i].element != s.itinerary[j].element:
+            return reversed_order(self.problem, x, p, i)
+        if self._kicks(s, [i, j]):
             return None
         whole = self._at_once(s)
         if s.itinerary[i].mode == s.following[j].mode:

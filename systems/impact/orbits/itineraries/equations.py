@@ -22,6 +22,7 @@ from dynkit.systems.impact.orbits.itineraries.happening import Happening
 from dynkit.systems.impact.orbits.itineraries.itinerary import counts_of, returns_of
 from dynkit.systems.impact.orbits.itineraries.motion import ItinerarySolution
 from dynkit.systems.impact.orbits.itineraries.openness import flights_are_open
+from dynkit.systems.impact.orbits.itineraries.parting import parted
 from dynkit.systems.impact.orbits.itineraries.responses import ResponseSolution
 from dynkit.systems.impact.orbits.itineraries.shooting import ShootingSolution
 from dynkit.systems.impact.orbits.orbit import NONE, ImpactOrbit, observables_of
@@ -178,6 +179,9 @@ class ItineraryEquations(ImpactProblem):
             if abs(changes).max() < REPEATED:
                 return self._shorter(k, periods), self._part(x, k)
         return self, x
+
+    def departing(self, x: Array, way: float) -> tuple[Self, Array]:
+        return (self, x) if self.responds else parted(self, x, way)
 
     def repeats(self, x: Array, within: float) -> bool:
         """Whether it is an orbit of a part of its period, run through several times."""
