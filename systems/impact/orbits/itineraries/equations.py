@@ -321,7 +321,7 @@ class ItineraryEquations(ImpactProblem):
         solution = self.at(x, p)
         if self._watched is None or self._watched[0] is not solution:
             both = [(border, border.value(solution)) for border in self.borders(solution)]
-            found = [Event(border.kind, border.part, value, border.ends) for border, value in both]
+            found = [Event(b.kind, b.part, value, b.ends, b.power) for b, value in both]
             self._watched = solution, found
         return list(self._watched[1])
 
