@@ -20,7 +20,7 @@ from collections.abc import Callable
 from functools import cache
 from pathlib import Path
 from types import SimpleNamespace
-from typing import Any, TypeVar
+from typing import Any, ClassVar, TypeVar, get_args, get_type_hints
 
 from dynkit.core.compile_notice import announce
 
@@ -93,24 +93,65 @@ def _announced() -> None:
     announce(cache_folder())
 
 
+_PASSES = {
+    "translate_bytecode",
+    "fixup_args",
+    "ir_processing",
+    "rewrite_semantic_constants",
+    "dead_branch_prune",
+    "generic_rewrites",
+    "reconstruct_ssa",
+    "nopython_type_inference",
+    "strip_phis",
+    "native_lowering",
+    "nopython_backend",
+}
+"""Passes of Numba's compiler that kernels need: they have no closures or array expressions."""
+
+
 @cache
-def _inner() -> tuple[Any, Any]:
-    """Return dispatcher and compiler classes of kernels that only other kernels call.
+def _classes() -> Any:
+    """Numba's classes with what kernels need, and nothing else.
 
-    Numba would compile a function again for every integer constant that is passed to it. These
-    kernels are compiled once for all integers, unless `constants` is true.
-
-    Numba would also optimise each of them, with all that it calls, and make machine code of it.
-    Their code is linked into that of the kernels that Python calls, which is optimised as a whole:
-    without a pass of their own a first simulation compiles in four fifths of the time.
+    They take two thirds of the time. Numba would compile a function again for every integer
+    constant that is passed to it: inner kernels, which only kernels call, are compiled once for all
+    integers, unless `constants` is true. Numba would also optimise each of them, with all that it
+    calls, and make machine code of it: their code is linked into that of the kernels that Python
+    calls, and optimised as a whole.
     """
-    from numba.core import codegen, compiler, types
+    from numba.core import codegen, compiler, dispatcher, types
+    from numba.core.compiler_machinery import PassManager
     from numba.core.registry import CPUDispatcher
 
     library: Any = codegen.JITCodeLibrary
     pipeline: Any = compiler.Compiler
+    compilation: Any = dispatcher._FunctionCompiler
+    options: Any = compiler.Flags
 
-    class Linked(library):  # type: ignore[misc]
+    class Flags(options):  # type: ignore[misc]
+        __slots__ = ()
+        __hash__ = object.__hash__
+
+        def __eq__(self, other: object) -> bool:  # values are compared again and again otherwise
+            return self is other
+
+        def copy(self) -> Any:
+            return self
+
+    class Compilation(compilation):  # type: ignore[misc]
+        kinds: ClassVar[dict[str, Flags]] = {}
+
+        def _customize_flags(self, flags: Any) -> Flags:
+            return self.kinds.setdefault(repr(flags), Flags(flags))
+
+    class Entry(library):  # type: ignore[misc]
+        def _optimize_functions(self, module: Any) -> None:
+            module.data_layout = self._codegen._data_layout
+            quick = self._codegen._pass_builder(opt=1, loop_vectorize=False, slp_vectorize=False)
+            for function in module.functions:
+                quick.getFunctionPassManager().run(function, quick)
+
+    class Linked(Entry):
         codegen = SimpleNamespace(set_env=lambda *_: None)
 
         def _optimize_final_module(self) -> None:
@@ -124,9 +165,24 @@ def _inner() -> tuple[Any, Any]:
             self._ensure_finalized()
             return 0
 
-    class Linking(pipeline):  # type: ignore[misc]
-        def __init__(self, typing: Any, target: Any, _: Any, *rest: Any) -> None:
-            super().__init__(typing, target, Linked(target.codegen(), "inner"), *rest)
+    class Compiling(pipeline):  # type: ignore[misc]
+        library: type = Entry
+
+        def compile_extra(self, function: Any) -> Any:
+            target = self.state.targetctx.codegen()
+            self.state.library = self.library(target, function.__qualname__)
+            self.state.library.enable_object_caching()
+            return super().compile_extra(function)
+
+        def define_pipelines(self) -> list[Any]:
+            needed = PassManager("nopython")
+            (all_of_them,) = super().define_pipelines()
+            needed.passes = [one for one in all_of_them.passes if one[0].name() in _PASSES]
+            needed.finalize()
+            return [needed]
+
+    class Linking(Compiling):
+        library = Linked
 
     class Inner(CPUDispatcher):
         constants = False
@@ -140,7 +196,57 @@ def _inner() -> tuple[Any, Any]:
                 args = tuple(map(types.unliteral, args))
             return super().get_call_template(args, kws)
 
-    return Inner, Linking
+    return SimpleNamespace(
+        inner=Inner, compiling=Compiling, linking=Linking, compilation=Compilation
+    )
+
+
+def address_of(compiled: Any, *given: Any) -> int:
+    """Return the address of the machine code of an entry for such arguments; compile it if missing.
+
+    Where nothing is compiled it is 1.
+    """
+    if not hasattr(compiled, "overloads"):
+        return 1
+    kinds = tuple(map(compiled.typeof_pyval, given))
+    compiled.compile(kinds)
+    found = compiled.overloads[kinds]
+    address: int = found.library.get_pointer_to_function(found.fndesc.llvm_func_name)
+    return address
+
+
+def by_address(function: Callable[..., Any]) -> Any:
+    """Return what calls an entry from a kernel, with (address, arguments).
+
+    What happens rarely is compiled when it first happens, and not with the kernel that calls it.
+    The entry's annotation says what it returns: a number, or a tuple of numbers.
+    """
+    import numba
+
+    settings: Any = numba.config
+    if settings.DISABLE_JIT:
+        return lambda _, given: function(*given)
+
+    from numba.core import cgutils, types
+
+    numbers = {int: types.intp, float: types.float64, bool: types.boolean}
+    hint = get_type_hints(function.__wrapped__)["return"]
+    found = [numbers[one] for one in get_args(hint) or (hint,)]
+    returned: Any = types.Tuple(found) if get_args(hint) else found[0]
+
+    def code(context: Any, builder: Any, signature: Any, values: Any) -> Any:
+        given, kinds = signature.args[1].types, tuple(map(types.unliteral, signature.args[1].types))
+        unpacked = zip(cgutils.unpack_tuple(builder, values[1]), given, kinds, strict=True)
+        cast = [context.cast(builder, *each) for each in unpacked]
+        kind = context.call_conv.get_function_type(returned, kinds).as_pointer()
+        machine = builder.inttoptr(values[0], kind)
+        return context.call_conv.call_function(builder, machine, returned, kinds, cast)[1]
+
+    @numba.extending.intrinsic
+    def called(_context: Any, _address: Any, given: Any) -> Any:
+        return returned(types.intp, given), code
+
+    return called
 
 
 def kernel(
@@ -198,17 +304,17 @@ def kernel(
             plain: _Function = np.errstate(all="ignore")(function)
             return plain
         _announced()
-        inner, linking = _inner()
-        if not entry:
-            options["pipeline_class"] = linking
+        classes = _classes()
+        options["pipeline_class"] = classes.compiling if entry else classes.linking
         previous = settings.CACHE_DIR
         settings.CACHE_DIR = str(cache_folder())
         try:
             compiled: Any = numba.njit(**options)(function)
         finally:
             settings.CACHE_DIR = previous
+        compiled._compiler.__class__ = classes.compilation
         if not entry:
-            compiled.__class__ = inner
+            compiled.__class__ = classes.inner
             compiled.constants = constants
         found: _Function = compiled
         return found
