@@ -111,22 +111,53 @@ _PASSES = {
 
 @cache
 def _classes() -> Any:
-    """Numba's classes with what kernels need, and nothing else.
+    """Return Numba's classes with what kernels need, and nothing else: two thirds of the time.
 
-    They take two thirds of the time. Numba would compile a function again for every integer
-    constant that is passed to it: inner kernels, which only kernels call, are compiled once for all
-    integers, unless `constants` is true. Numba would also optimise each of them, with all that it
-    calls, and make machine code of it: their code is linked into that of the kernels that Python
-    calls, and optimised as a whole.
+    Numba would compile a function again for every integer constant that is passed to it. Inner
+    kernels, which only kernels call, are compiled once for all integers, unless `constants` is
+    true. Numba would also optimise each of them, with all that it calls, and make machine code of
+    it. Their code is linked into that of the kernels that Python calls, and optimised as a whole.
     """
-    from numba.core import codegen, compiler, dispatcher, types
-    from numba.core.compiler_machinery import PassManager
+    from numba.core import codegen, compiler, compiler_machinery, dispatcher, types, typing
     from numba.core.registry import CPUDispatcher
 
     library: Any = codegen.JITCodeLibrary
     pipeline: Any = compiler.Compiler
-    compilation: Any = dispatcher._FunctionCompiler
+    manager: Any = compiler_machinery.PassManager
     options: Any = compiler.Flags
+    context_of_types: Any = vars(typing)["Context"]
+    compilation: Any = vars(dispatcher)["_FunctionCompiler"]
+    operators: dict[Any, Any] = {}
+
+    class Operator(types.Function):
+        """An operator. Its types for numbers are found once: Numba tries NumPy's rules first."""
+
+        def __init__(self, templates: Any) -> None:
+            super().__init__(templates)
+            self._known: dict[Any, Any] = {}
+
+        def get_call_type(self, context: Any, args: Any, kws: Any) -> Any:
+            if kws or not all(isinstance(one, (types.Number, types.Boolean)) for one in args):
+                return super().get_call_type(context, args, kws)
+            if args not in self._known:
+                self._known[args] = super().get_call_type(context, args, kws)
+            return self._known[args]
+
+    class Typing(context_of_types):  # type: ignore[misc]
+        """Numba's context of types, with operators of its own."""
+
+        def resolve_value_type(self, value: Any) -> Any:
+            if getattr(value, "__module__", None) != "_operator":
+                return super().resolve_value_type(value)
+            if value not in operators:
+                operators[value] = Operator(super().resolve_value_type(value).templates)
+            return operators[value]
+
+    @cache
+    def alike(context: Any) -> Any:
+        found = Typing.__new__(Typing)
+        found.__dict__ = context.__dict__
+        return found
 
     class Flags(options):  # type: ignore[misc]
         __slots__ = ()
@@ -146,6 +177,9 @@ def _classes() -> Any:
 
     class Entry(library):  # type: ignore[misc]
         def _optimize_functions(self, module: Any) -> None:
+            if not hasattr(self._codegen, "_pass_builder"):  # before Numba 0.62
+                super()._optimize_functions(module)
+                return
             module.data_layout = self._codegen._data_layout
             quick = self._codegen._pass_builder(opt=1, loop_vectorize=False, slp_vectorize=False)
             for function in module.functions:
@@ -168,6 +202,11 @@ def _classes() -> Any:
     class Compiling(pipeline):  # type: ignore[misc]
         library: type = Entry
 
+        def __init__(self, context: Any, target: Any, *rest: Any) -> None:
+            super().__init__(alike(context), target, *rest)
+            own = self.state.targetctx.subtarget(typing_context=self.state.typingctx)
+            self.state.targetctx = own
+
         def compile_extra(self, function: Any) -> Any:
             target = self.state.targetctx.codegen()
             self.state.library = self.library(target, function.__qualname__)
@@ -175,7 +214,7 @@ def _classes() -> Any:
             return super().compile_extra(function)
 
         def define_pipelines(self) -> list[Any]:
-            needed = PassManager("nopython")
+            needed = manager("nopython")
             (all_of_them,) = super().define_pipelines()
             needed.passes = [one for one in all_of_them.passes if one[0].name() in _PASSES]
             needed.finalize()
@@ -215,7 +254,7 @@ def address_of(compiled: Any, *given: Any) -> int:
     return address
 
 
-def by_address(function: Callable[..., Any]) -> Any:
+def by_address(function: Any) -> Any:
     """Return what calls an entry from a kernel, with (address, arguments).
 
     What happens rarely is compiled when it first happens, and not with the kernel that calls it.
@@ -229,14 +268,16 @@ def by_address(function: Callable[..., Any]) -> Any:
 
     from numba.core import cgutils, types
 
+    unpack: Any = cgutils.unpack_tuple
+    together: Any = types.Tuple
     numbers = {int: types.intp, float: types.float64, bool: types.boolean}
     hint = get_type_hints(function.__wrapped__)["return"]
     found = [numbers[one] for one in get_args(hint) or (hint,)]
-    returned: Any = types.Tuple(found) if get_args(hint) else found[0]
+    returned: Any = together(found) if get_args(hint) else found[0]
 
     def code(context: Any, builder: Any, signature: Any, values: Any) -> Any:
         given, kinds = signature.args[1].types, tuple(map(types.unliteral, signature.args[1].types))
-        unpacked = zip(cgutils.unpack_tuple(builder, values[1]), given, kinds, strict=True)
+        unpacked = zip(unpack(builder, values[1]), given, kinds, strict=True)
         cast = [context.cast(builder, *each) for each in unpacked]
         kind = context.call_conv.get_function_type(returned, kinds).as_pointer()
         machine = builder.inttoptr(values[0], kind)

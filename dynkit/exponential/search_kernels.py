@@ -129,7 +129,8 @@ def _lowered(c: Array, raised: float, e: float, earliest: float) -> float:
 def _value_at(ladder: Ladder, n: int, states: Array) -> float:
     """Return the sum after n smallest steps; two scratch states are modified."""
     seen = ladder.rows.shape[1]
-    k = propagate_steps(ladder.step, ladder.links, ladder.link_step, n, states, 0, 0, seen)
+    keep = n - n  # not a literal: it would be compiled once more
+    k = propagate_steps(ladder.step, ladder.links, ladder.link_step, n, states, keep, 0, seen)
     return value_and_rates(ladder.rows, ladder.offset, states, k)[0]
 
 

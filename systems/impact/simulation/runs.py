@@ -358,7 +358,7 @@ class Course:
             motion = self._tables, self._clock, self._left
             buffers = rows, self._switches, self._work
             fill_codes(
-                self._oscillator._automaton.guards[0].sum,
+                gap,
                 *motion,
                 *given,
                 *buffers,
