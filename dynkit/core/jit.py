@@ -20,7 +20,7 @@ from collections.abc import Callable
 from functools import cache
 from pathlib import Path
 from types import SimpleNamespace
-from typing import Any, ClassVar, TypeVar, get_args, get_type_hints
+from typing import Any, ClassVar, TypeVar
 
 from dynkit.core.compile_notice import announce
 
@@ -248,17 +248,17 @@ def address_of(compiled: Any, *given: Any) -> int:
     if not hasattr(compiled, "overloads"):
         return 1
     kinds = tuple(map(compiled.typeof_pyval, given))
-    compiled.compile(kinds)
+    compiled.get_call_template(kinds, {})
     found = compiled.overloads[kinds]
     address: int = found.library.get_pointer_to_function(found.fndesc.llvm_func_name)
     return address
 
 
-def by_address(function: Any) -> Any:
+def by_address(function: Callable[..., Any], *numbers: type) -> Any:
     """Return what calls an entry from a kernel, with (address, arguments).
 
     What happens rarely is compiled when it first happens, and not with the kernel that calls it.
-    The entry's annotation says what it returns: a number, or a tuple of numbers.
+    The entry returns one of these numbers, int, float or bool, or a tuple of several.
     """
     import numba
 
@@ -270,10 +270,9 @@ def by_address(function: Any) -> Any:
 
     unpack: Any = cgutils.unpack_tuple
     together: Any = types.Tuple
-    numbers = {int: types.intp, float: types.float64, bool: types.boolean}
-    hint = get_type_hints(function.__wrapped__)["return"]
-    found = [numbers[one] for one in get_args(hint) or (hint,)]
-    returned: Any = together(found) if get_args(hint) else found[0]
+    kinds = {int: types.intp, float: types.float64, bool: types.boolean}
+    found = [kinds[number] for number in numbers]
+    returned: Any = together(found) if len(found) > 1 else found[0]
 
     def code(context: Any, builder: Any, signature: Any, values: Any) -> Any:
         given, kinds = signature.args[1].types, tuple(map(types.unliteral, signature.args[1].types))

@@ -160,5 +160,5 @@ def leap(
     return False, j, 0, n, current, cells, band, passed
 
 
-leap_by_address = by_address(leap)
+leap_by_address = by_address(leap, bool, int, int, int, int, int, float, int)
 """Calls `leap` by its address."""

@@ -463,5 +463,5 @@ def search(
     return first_root(ladder, order, rate, band_factor, touches, limit, pause, horizon, work, 0)
 
 
-search_by_address = by_address(search)
+search_by_address = by_address(search, int, int, float, float, int)
 """Calls `search` by its address."""

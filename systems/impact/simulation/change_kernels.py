@@ -294,5 +294,5 @@ def change(
     return _leaves(k, n, e, done, tables, clock, left, beside, noise, impacts, switches, work)
 
 
-change_by_address = by_address(change)
+change_by_address = by_address(change, int)
 """Calls `change` by its address."""
