@@ -47,7 +47,7 @@ class Notice:
         long = self.clock() - self._since > _QUIET
         if long and not self._shown and sys.stderr is not None and sys.stderr.isatty():
             self._shown = True
-            text = f"dynkit compiles kernels, once (10 to 40 s), into {self.folder} ..."
+            text = f"dynkit compiles kernels, once (5 to 30 s), into {self.folder} ..."
             sys.stderr.write(text)
             sys.stderr.flush()
 

@@ -20,7 +20,7 @@ from collections.abc import Callable
 from functools import cache
 from pathlib import Path
 from types import SimpleNamespace
-from typing import Any, TypeVar
+from typing import Any, ClassVar, TypeVar
 
 from dynkit.core.compile_notice import announce
 
@@ -93,24 +93,99 @@ def _announced() -> None:
     announce(cache_folder())
 
 
+_PASSES = {
+    "translate_bytecode",
+    "fixup_args",
+    "ir_processing",
+    "rewrite_semantic_constants",
+    "dead_branch_prune",
+    "generic_rewrites",
+    "reconstruct_ssa",
+    "nopython_type_inference",
+    "strip_phis",
+    "native_lowering",
+    "nopython_backend",
+}
+"""Passes of Numba's compiler that kernels need: they have no closures or array expressions."""
+
+
 @cache
-def _inner() -> tuple[Any, Any]:
-    """Return dispatcher and compiler classes of kernels that only other kernels call.
+def _classes() -> Any:
+    """Return Numba's classes with what kernels need, and nothing else: two thirds of the time.
 
-    Numba would compile a function again for every integer constant that is passed to it. These
-    kernels are compiled once for all integers, unless `constants` is true.
-
-    Numba would also optimise each of them, with all that it calls, and make machine code of it.
-    Their code is linked into that of the kernels that Python calls, which is optimised as a whole:
-    without a pass of their own a first simulation compiles in four fifths of the time.
+    Numba would compile a function again for every integer constant that is passed to it. Inner
+    kernels, which only kernels call, are compiled once for all integers, unless `constants` is
+    true. Numba would also optimise each of them, with all that it calls, and make machine code of
+    it. Their code is linked into that of the kernels that Python calls, and optimised as a whole.
     """
-    from numba.core import codegen, compiler, types
+    from numba.core import codegen, compiler, compiler_machinery, dispatcher, types, typing
     from numba.core.registry import CPUDispatcher
 
     library: Any = codegen.JITCodeLibrary
     pipeline: Any = compiler.Compiler
+    manager: Any = compiler_machinery.PassManager
+    options: Any = compiler.Flags
+    context_of_types: Any = vars(typing)["Context"]
+    compilation: Any = vars(dispatcher)["_FunctionCompiler"]
+    operators: dict[Any, Any] = {}
 
-    class Linked(library):  # type: ignore[misc]
+    class Operator(types.Function):
+        """An operator. Its types for numbers are found once: Numba tries NumPy's rules first."""
+
+        def __init__(self, templates: Any) -> None:
+            super().__init__(templates)
+            self._known: dict[Any, Any] = {}
+
+        def get_call_type(self, context: Any, args: Any, kws: Any) -> Any:
+            if kws or not all(isinstance(one, (types.Number, types.Boolean)) for one in args):
+                return super().get_call_type(context, args, kws)
+            if args not in self._known:
+                self._known[args] = super().get_call_type(context, args, kws)
+            return self._known[args]
+
+    class Typing(context_of_types):  # type: ignore[misc]
+        """Numba's context of types, with operators of its own."""
+
+        def resolve_value_type(self, value: Any) -> Any:
+            if getattr(value, "__module__", None) != "_operator":
+                return super().resolve_value_type(value)
+            if value not in operators:
+                operators[value] = Operator(super().resolve_value_type(value).templates)
+            return operators[value]
+
+    @cache
+    def alike(context: Any) -> Any:
+        found = Typing.__new__(Typing)
+        found.__dict__ = context.__dict__
+        return found
+
+    class Flags(options):  # type: ignore[misc]
+        __slots__ = ()
+        __hash__ = object.__hash__
+
+        def __eq__(self, other: object) -> bool:  # values are compared again and again otherwise
+            return self is other
+
+        def copy(self) -> Any:
+            return self
+
+    class Compilation(compilation):  # type: ignore[misc]
+        kinds: ClassVar[dict[str, Flags]] = {}
+
+        def _customize_flags(self, flags: Any) -> Flags:
+            return self.kinds.setdefault(repr(flags), Flags(flags))
+
+    class Entry(library):  # type: ignore[misc]
+        def _optimize_functions(self, module: Any) -> None:
+            if not hasattr(self._codegen, "_pass_builder"):  # before Numba 0.62
+                super()._optimize_functions(module)
+                return
+            module.data_layout = self._codegen._data_layout
+            quick = self._codegen._pass_builder(opt=1, loop_vectorize=False, slp_vectorize=False)
+            for function in module.functions:
+                quick.getFunctionPassManager().run(function, quick)
+
+    class Linked(Entry):
         codegen = SimpleNamespace(set_env=lambda *_: None)
 
         def _optimize_final_module(self) -> None:
@@ -124,9 +199,29 @@ def _inner() -> tuple[Any, Any]:
             self._ensure_finalized()
             return 0
 
-    class Linking(pipeline):  # type: ignore[misc]
-        def __init__(self, typing: Any, target: Any, _: Any, *rest: Any) -> None:
-            super().__init__(typing, target, Linked(target.codegen(), "inner"), *rest)
+    class Compiling(pipeline):  # type: ignore[misc]
+        library: type = Entry
+
+        def __init__(self, context: Any, target: Any, *rest: Any) -> None:
+            super().__init__(alike(context), target, *rest)
+            own = self.state.targetctx.subtarget(typing_context=self.state.typingctx)
+            self.state.targetctx = own
+
+        def compile_extra(self, function: Any) -> Any:
+            target = self.state.targetctx.codegen()
+            self.state.library = self.library(target, function.__qualname__)
+            self.state.library.enable_object_caching()
+            return super().compile_extra(function)
+
+        def define_pipelines(self) -> list[Any]:
+            needed = manager("nopython")
+            (all_of_them,) = super().define_pipelines()
+            needed.passes = [one for one in all_of_them.passes if one[0].name() in _PASSES]
+            needed.finalize()
+            return [needed]
+
+    class Linking(Compiling):
+        library = Linked
 
     class Inner(CPUDispatcher):
         constants = False
@@ -140,7 +235,58 @@ def _inner() -> tuple[Any, Any]:
                 args = tuple(map(types.unliteral, args))
             return super().get_call_template(args, kws)
 
-    return Inner, Linking
+    return SimpleNamespace(
+        inner=Inner, compiling=Compiling, linking=Linking, compilation=Compilation
+    )
+
+
+def address_of(compiled: Any, *given: Any) -> int:
+    """Return the address of the machine code of an entry for such arguments; compile it if missing.
+
+    Where nothing is compiled it is 1.
+    """
+    if not hasattr(compiled, "overloads"):
+        return 1
+    kinds = tuple(map(compiled.typeof_pyval, given))
+    compiled.get_call_template(kinds, {})
+    found = compiled.overloads[kinds]
+    address: int = found.library.get_pointer_to_function(found.fndesc.llvm_func_name)
+    return address
+
+
+def by_address(function: Callable[..., Any], *numbers: type) -> Any:
+    """Return what calls an entry from a kernel, with (address, arguments).
+
+    What happens rarely is compiled when it first happens, and not with the kernel that calls it.
+    The entry returns one of these numbers, int, float or bool, or a tuple of several.
+    """
+    import numba
+
+    settings: Any = numba.config
+    if settings.DISABLE_JIT:
+        return lambda _, given: function(*given)
+
+    from numba.core import cgutils, types
+
+    unpack: Any = cgutils.unpack_tuple
+    together: Any = types.Tuple
+    kinds = {int: types.intp, float: types.float64, bool: types.boolean}
+    found = [kinds[number] for number in numbers]
+    returned: Any = together(found) if len(found) > 1 else found[0]
+
+    def code(context: Any, builder: Any, signature: Any, values: Any) -> Any:
+        given, kinds = signature.args[1].types, tuple(map(types.unliteral, signature.args[1].types))
+        unpacked = zip(unpack(builder, values[1]), given, kinds, strict=True)
+        cast = [context.cast(builder, *each) for each in unpacked]
+        kind = context.call_conv.get_function_type(returned, kinds).as_pointer()
+        machine = builder.inttoptr(values[0], kind)
+        return context.call_conv.call_function(builder, machine, returned, kinds, cast)[1]
+
+    @numba.extending.intrinsic
+    def called(_context: Any, _address: Any, given: Any) -> Any:
+        return returned(types.intp, given), code
+
+    return called
 
 
 def kernel(
@@ -198,17 +344,17 @@ def kernel(
             plain: _Function = np.errstate(all="ignore")(function)
             return plain
         _announced()
-        inner, linking = _inner()
-        if not entry:
-            options["pipeline_class"] = linking
+        classes = _classes()
+        options["pipeline_class"] = classes.compiling if entry else classes.linking
         previous = settings.CACHE_DIR
         settings.CACHE_DIR = str(cache_folder())
         try:
             compiled: Any = numba.njit(**options)(function)
         finally:
             settings.CACHE_DIR = previous
+        compiled._compiler.__class__ = classes.compilation
         if not entry:
-            compiled.__class__ = inner
+            compiled.__class__ = classes.inner
             compiled.constants = constants
         found: _Function = compiled
         return found

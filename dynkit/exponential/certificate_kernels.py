@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 
-from dynkit.core.jit import kernel
+from dynkit.core.jit import by_address, kernel
 from dynkit.core.validation import Array
 from dynkit.exponential.bound_kernels import died_out, tail, weighted
 from dynkit.exponential.evaluation_kernels import (
@@ -91,7 +91,7 @@ def _look_over(
     return value, rate, second, new_value, new_rate, new_second, error, apart
 
 
-@kernel()
+@kernel(entry=True)
 def leap(
     ladder: Ladder,
     j: int,
@@ -158,3 +158,7 @@ def leap(
         else:
             j -= 1
     return False, j, 0, n, current, cells, band, passed
+
+
+leap_by_address = by_address(leap, bool, int, int, int, int, int, float, int)
+"""Calls `leap` by its address."""

@@ -35,6 +35,13 @@ earliest result and of the start of the previous mode; number of states."""
 PLACES, LEVELS = 11, 5
 """Number of integers and of real numbers of a paused search."""
 
+LEAP, SEARCH, CHANGE = range(3)
+"""Machine code that is called by its address: of long cells, of the search of a sum that is not
+`plain`, and of a change of the mode."""
+
+CODES, WANTED_CODE = 3, -1
+"""Number of them; what stands for an address where a call has paused until there is one."""
+
 BOUND, TAIL, DRIFT, SEPARATE = 8, 14, 16, 22
 """First rows of the groups in ``Ladder.rows``."""
 
@@ -102,12 +109,14 @@ class Workspace(NamedTuple):
     coefficients : (DEGREE + 1,) Taylor coefficients of f
     places : (PLACES,) whether the search is paused, then the integers of a paused search
     levels : (LEVELS,) real numbers of a paused search
+    codes : (CODES,) addresses of machine code, WANTED_CODE, or 0 where it was not needed so far
     """
 
     states: Array
     coefficients: Array
     places: NDArray[np.int64]
     levels: Array
+    codes: NDArray[np.int64]
 
 
 @kernel(inline=True)

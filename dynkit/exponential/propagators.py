@@ -323,13 +323,21 @@ def _joint(
 
 def workspace(slots: int) -> Any:
     """Return the buffers of a search."""
-    from dynkit.exponential.evaluation_kernels import DEGREE, LEVELS, PLACES, STATES, Workspace
+    from dynkit.exponential.evaluation_kernels import (
+        CODES,
+        DEGREE,
+        LEVELS,
+        PLACES,
+        STATES,
+        Workspace,
+    )
 
     return Workspace(
         np.zeros((STATES, 2, slots)),
         np.zeros(DEGREE + 1),
         np.zeros(PLACES, dtype=np.int64),
         np.zeros(LEVELS),
+        np.zeros(CODES, dtype=np.int64),
     )
 
 

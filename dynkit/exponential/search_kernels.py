@@ -2,18 +2,24 @@
 
 from __future__ import annotations
 
-from typing import Any
-
-from dynkit.core.jit import kernel
+from dynkit.core.jit import by_address, kernel
 from dynkit.core.validation import Array
 from dynkit.exponential.bound_kernels import stays_in_band, tail, weighted
-from dynkit.exponential.certificate_kernels import HURDLE, leap, quintic_minimum, taylor_rung
+from dynkit.exponential.certificate_kernels import (
+    HURDLE,
+    leap,
+    leap_by_address,
+    quintic_minimum,
+    taylor_rung,
+)
 from dynkit.exponential.evaluation_kernels import (
     BOUND,
     EPSILON,
     FOUND,
+    LEAP,
     SCRATCH,
     START,
+    WANTED_CODE,
     Ladder,
     Workspace,
     expand,
@@ -123,7 +129,8 @@ def _lowered(c: Array, raised: float, e: float, earliest: float) -> float:
 def _value_at(ladder: Ladder, n: int, states: Array) -> float:
     """Return the sum after n smallest steps; two scratch states are modified."""
     seen = ladder.rows.shape[1]
-    k = propagate_steps(ladder.step, ladder.links, ladder.link_step, n, states, 0, 0, seen)
+    keep = n - n  # not a literal: it would be compiled once more
+    k = propagate_steps(ladder.step, ladder.links, ladder.link_step, n, states, keep, 0, seen)
     return value_and_rates(ladder.rows, ladder.offset, states, k)[0]
 
 
@@ -154,6 +161,7 @@ def first_root(
     pause: int,
     horizon: int,
     work: Workspace,
+    general: int | None,
 ) -> tuple[int, int, float, float, int]:
     """Return the certified first root of f at s > 0, from the state ``work.states[START]``.
 
@@ -182,6 +190,8 @@ def first_root(
         Number of smallest steps after which the search ends.
     work
         Modified in place; ``work.states[FOUND]`` becomes the state at the root.
+    general
+        With None the sum must be `plain`: what only others need is not compiled.
 
     Returns
     -------
@@ -248,20 +258,20 @@ def first_root(
             band = max(band, band_factor * EPSILON * (reach + abs(offset)))
         low_flight = n == carried_to and value <= LOW * band
         if leaping or (j > ladder.smooth and not expanded and not low_flight):
-            never, j, wide, n, current, cells, band, leapt = leap(
-                ladder,
-                max(j, wider),
-                n,
-                current,
-                cells,
-                last_cell,
-                horizon,
-                band_factor,
-                band,
-                touches,
-                leapt if leaping else 0,
-                states,
-            )
+            if general is None and work.codes[LEAP] <= 0:
+                work.codes[LEAP] = WANTED_CODE
+                break
+            rung, before = max(j, wider), leapt if leaping else 0
+            if general is None:
+                never, j, wide, n, current, cells, band, leapt = leap_by_address(
+                    work.codes[LEAP], (ladder, rung, n, current, cells, last_cell, horizon,
+                    band_factor, band, touches, before, states)
+                )  # fmt: skip
+            else:
+                never, j, wide, n, current, cells, band, leapt = leap(
+                    ladder, rung, n, current, cells, last_cell, horizon,
+                    band_factor, band, touches, before, states,
+                )  # fmt: skip
             wider = 0
             leaping = wide == 0 and j > ladder.smooth
             if never:
@@ -270,7 +280,7 @@ def first_root(
                 value, slope, second = value_and_rates(rows, offset, states, current)
                 continue
         if low_flight:
-            if ladder.apart:
+            if general is not None and ladder.apart:
                 # the remainder is below the rounding of the carried value
                 rest = 1e3 * EPSILON * carried
                 wide = taylor_rung(rows, states, current, smallest, min(j + 1, top), rest)
@@ -303,7 +313,7 @@ def first_root(
                     if passed & 31 == 0 and j >= ladder.smooth - 2:
                         j = min(j + HURDLE, top)
                 continue
-            if ladder.apart:
+            if general is not None and ladder.apart:
                 # fast exponentials that have decayed do not limit the Taylor polynomial
                 wide = taylor_rung(rows, states, current, smallest, max(j, wider), band)
                 if wide < j:
@@ -333,7 +343,7 @@ def first_root(
         first = 0
         if not expanded:
             current = propagate_steps(step, links, link_step, n, states, current, 0, seen)
-            if ladder.apart:
+            if general is not None and ladder.apart:
                 expand_apart(ladder, states, current, c)
             else:
                 expand(ladder.generator, rows, offset, states, current, c)
@@ -379,7 +389,7 @@ def first_root(
                 n = _last_above(ladder, n, states)
                 e = smallest
                 current = propagate_steps(step, links, link_step, n, states, current, 0, seen)
-                if ladder.apart:
+                if general is not None and ladder.apart:
                     expand_apart(ladder, states, current, c)
                 else:
                     expand(ladder.generator, rows, offset, states, current, c)
@@ -394,7 +404,7 @@ def first_root(
                 e -= m * smallest
                 current = propagate_steps(step, links, link_step, n, states, current, 0, seen)
             shift(ladder.generator, e, states, current, FOUND, 0, seen)
-            if links.shape[0] > 0:
+            if general is not None and links.shape[0] > 0:
                 shift_linked(ladder, e, states, current, FOUND)
             if seen < states.shape[2]:
                 other = propagate_steps(
@@ -431,7 +441,27 @@ def first_root(
     return LIMIT, n, 0.0, 0.0, cells
 
 
+@kernel()
+def plain(ladder: Ladder) -> bool:
+    """Whether no seen slot holds two separate numbers, or is driven by another."""
+    return not ladder.apart and ladder.links.shape[0] == 0
+
+
 @kernel(entry=True)
-def search(*given: Any) -> tuple[int, int, float, float, int]:
-    """Call `first_root` from Python."""
-    return first_root(*given)
+def search(
+    ladder: Ladder,
+    order: int,
+    rate: float,
+    band_factor: float,
+    touches: bool,
+    limit: int,
+    pause: int,
+    horizon: int,
+    work: Workspace,
+) -> tuple[int, int, float, float, int]:
+    """Call `first_root` for any sum from Python, or by its address."""
+    return first_root(ladder, order, rate, band_factor, touches, limit, pause, horizon, work, 0)
+
+
+search_by_address = by_address(search, int, int, float, float, int)
+"""Calls `search` by its address."""

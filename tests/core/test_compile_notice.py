@@ -34,7 +34,7 @@ def shown(monkeypatch: pytest.MonkeyPatch, stream: io.StringIO, times: Sequence[
 
 def test_a_long_compilation_says_where_and_how_long(monkeypatch: pytest.MonkeyPatch) -> None:
     text = shown(monkeypatch, Terminal(), [0.5, 1.5, 9.0, 18.2])
-    assert text == "dynkit compiles kernels, once (10 to 40 s), into cache ... done in 18 s\n"
+    assert text == "dynkit compiles kernels, once (5 to 30 s), into cache ... done in 18 s\n"
 
 
 def test_a_short_compilation_says_nothing(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -15,6 +15,7 @@ from hypothesis import given, strategies as st
 
 from dynkit.analysis.dimension import counting
 from dynkit.exponential import sums
+from dynkit.exponential.evaluation_kernels import CHANGE, LEAP, SEARCH
 from dynkit.exponential.propagators import cells_of_a_call
 from dynkit.exponential.sums import ExponentialSum, RootKind
 from dynkit.systems import ImpactChain
@@ -81,6 +82,26 @@ def test_chatter_contact_and_release_in_pieces_are_the_same(frequency: float, pa
     asked: dict[str, Any] = {"count": 200, "store": True, "noise": 0.0, "seed": 1}
     whole = trajectory_of(chain, chain.state(), **asked)
     assert numbers(in_pieces(pause, chain.state(), chain, **asked)) == numbers(whole)
+
+
+@pytest.mark.plain
+@pytest.mark.parametrize(
+    ("chain", "needed"),
+    [
+        (ImpactChain(frequency=0.87), set()),
+        (ImpactChain(frequency=0.35), {LEAP}),
+        (ImpactChain(masses=2, frequency=0.408, restitution=0.6), {CHANGE}),
+        (ImpactChain(frequency=0.87, damping=30.0), {SEARCH}),
+    ],
+    ids=["ordinary", "long flights", "chatter", "overdamped"],
+)
+def test_a_run_pauses_for_code_that_it_needs(chain: ImpactChain, needed: set[int]) -> None:
+    known: dict[Any, int] = {}
+    with patch.object(runs, "_ADDRESSES", known):
+        first = trajectory_of(chain, chain.state(), 60, store=True)
+        assert {place for place, _ in known} == needed
+        again = trajectory_of(chain, chain.state(), 60, store=True)
+    assert numbers(first) == numbers(again)
 
 
 def hardly_reached() -> tuple[ImpactChain, ImpactState]:

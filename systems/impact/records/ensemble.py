@@ -17,7 +17,7 @@ from dynkit.exponential.propagators import cells_of_a_call, workspace
 from dynkit.systems.impact.elements.element import EventKind
 from dynkit.systems.impact.elements.law_kernels import REGISTERS
 from dynkit.systems.impact.records.record import ImpactRecord
-from dynkit.systems.impact.simulation.runs import MOST_CELLS, band_factor
+from dynkit.systems.impact.simulation.runs import MOST_CELLS, band_factor, fill_codes
 from dynkit.systems.impact.simulation.trajectory import Impacts
 
 if TYPE_CHECKING:
@@ -53,6 +53,7 @@ class Ensemble:
 
     def arrivals(self, starts: Array, most: int, near: float) -> Arrivals:
         """Arrivals of starts (n, 2N + 1): see `dynkit.dynamics.map.Map.arrivals`."""
+        from dynkit.exponential.evaluation_kernels import WANTED_CODE
         from dynkit.systems.impact.simulation.ensemble_kernels import STRIDE, Members, arrive
 
         system, n = self.system, len(starts)
@@ -74,7 +75,11 @@ class Ensemble:
         buffers = self._buffers(noted, slots)
         contact = system._automaton.table[: len(tables.event), 3] == EventKind.CONTACT
         limits = band_factor(free.layout.slots), MOST_CELLS, cells_of_a_call(slots)
-        given = contact, near, most, system._automaton.beside, *limits
+        beside, gap = system._automaton.beside, system._automaton.guards[0].sum
+        given = contact, near, most, beside, *limits
+        clock, left, _, switches, work, _, waits = buffers
+        work.codes[:] = WANTED_CODE  # a member does not wait until they are compiled
+        fill_codes(gap, tables, clock, left, beside, None, limits[0], noted, switches, work, waits)
         first = 0
         while first < len(able):
             first = arrive(tables, orbits, *given, first, members, *buffers)

@@ -275,3 +275,20 @@ def lifted(restitution: float, drop: float, u: float, second: float) -> float:
         return 0.0
     r, a = falling(restitution, second, drop)
     return (2.0 / 3.0) * u * u * u / (-second * a * (1.0 - r * r * r))
+
+
+@kernel()
+def accumulates(tables: Tables, k: int, gap: Ladder, u: float, states: Array) -> tuple[bool, float]:
+    """Whether bounces at guard `k` from velocity `u` on accumulate: `chatter_completes`.
+
+    And the time integral of the gap over them.
+    """
+    second, third, fourth, _ = start_sums(gap.rows, states, START)
+    r, drop = tables.restitution[k], tables.drop[k]
+    lost = lifted(r, drop, u, second)
+    error = tables.coupling[k] * lost
+    sticks = chatter_completes(
+        gap, tables.kick[k], r, drop, tables.hold[k], tables.tolerance, u, second, third, fourth,
+        error,
+    )  # fmt: skip
+    return sticks, lost

@@ -13,22 +13,37 @@ from numpy.typing import NDArray
 
 from dynkit.core.jit import kernel
 from dynkit.core.validation import Array
-from dynkit.exponential.bound_kernels import died_out, stays_in_band
+from dynkit.exponential.bound_kernels import died_out
 from dynkit.exponential.evaluation_kernels import (
+    CHANGE,
     EPSILON,
     FOUND,
     KEPT,
     LEFT,
+    SEARCH,
     START,
+    WANTED_CODE,
     Workspace,
-    start_sums,
-    value_and_rates,
 )
 from dynkit.exponential.polynomial_kernels import LIMIT, NEVER, PAUSED, ROOT, TOUCH
 from dynkit.exponential.sampling_kernels import fly
-from dynkit.exponential.search_kernels import FOREVER, first_root
+from dynkit.exponential.search_kernels import (
+    FOREVER,
+    first_root,
+    plain,
+    search_by_address,
+)
 from dynkit.exponential.stack_kernels import GROUP, ladder_at
 from dynkit.systems.impact.elements.law_kernels import evaluate
+from dynkit.systems.impact.simulation.change_kernels import (
+    CHANGED,
+    COUNTED,
+    JUMPS,
+    LEAVES,
+    NOT_ENTERED,
+    RESTS,
+    change_by_address,
+)
 from dynkit.systems.impact.simulation.clock_kernels import (
     AMBIGUOUS,
     AT_ONCE,
@@ -36,8 +51,6 @@ from dynkit.systems.impact.simulation.clock_kernels import (
     BOUNCES,
     BUDGET,
     CELLS,
-    CHATTER_ERROR,
-    FLIGHT,
     GAP,
     GUARD,
     IMPACTS,
@@ -46,7 +59,6 @@ from dynkit.systems.impact.simulation.clock_kernels import (
     ORDER,
     REMAINING,
     SPEED,
-    STILL,
     SWITCHED,
     SWITCHES,
     TIME,
@@ -56,19 +68,12 @@ from dynkit.systems.impact.simulation.clock_kernels import (
     move_on,
     normalise,
     perturb,
-    perturb_cut,
     perturb_reached,
-    perturb_released,
     perturb_touch,
 )
 from dynkit.systems.impact.simulation.contact_kernels import (
     Tables,
-    chatter_completes,
-    chatter_rest,
-    drag,
-    lifted,
-    order_at_rest,
-    sign_of,
+    accumulates,
     transform,
 )
 from dynkit.systems.impact.simulation.event_kernels import (
@@ -82,7 +87,6 @@ from dynkit.systems.impact.simulation.event_kernels import (
     bounced,
     come_to_rest,
     copy,
-    disturbs,
     falls,
     guard_of,
     jolt,
@@ -90,18 +94,13 @@ from dynkit.systems.impact.simulation.event_kernels import (
     know_gaps,
     lets_go,
     push,
-    returns,
     together,
-    try_again,
-    undecided,
     vanishes,
 )
-from dynkit.systems.impact.simulation.law_chatter_kernels import chatter_by_law
 from dynkit.systems.impact.simulation.log_kernels import Impacts, Switches, enter, note_impact
-from dynkit.systems.impact.simulation.scrape_kernels import scrape, scrapes_out
+from dynkit.systems.impact.simulation.scrape_kernels import scrape
 
 Indices = NDArray[np.intp]
-
 
 (
     COUNT_REACHED,
@@ -116,8 +115,11 @@ Indices = NDArray[np.intp]
     RUN_PAUSED,
     LAW_BROKEN,
 ) = range(11)
-"""Endings of a run; after the three before the last one the call is repeated. After the last one,
-an impact law gives no number in [0, 1] for guard WANTED, at the velocity ``waits[1]``."""
+"""Endings of a run. After the last one, an impact law gives no number in [0, 1] for guard WANTED,
+at the velocity ``waits[1]``."""
+
+AGAIN = MODE_WANTED, SWITCHES_FULL, RUN_PAUSED
+"""Endings after which the call is repeated."""
 
 SECTION = 100
 """Outcome of a search where nothing happens within the period."""
@@ -183,6 +185,7 @@ def run(
     y = work.states
     registers = waits[2:]
     ladders = tables.ladders
+    codes = work.codes
     store = impacts.time.shape[0] > 0
     # Not a literal: for every one of them the search would be compiled once more.
     for_ever = FOREVER + (count - count)
@@ -206,43 +209,22 @@ def run(
             if gap.steady < 0 and tables.period == 0.0 and died_out(gap, y, START):
                 return done, DIED_OUT
             m = ladders.integers[g, GROUP]
-            changed = jumped(tables, g, left, y, band_factor)
-            if changed >= 0:
-                if tables.partner[changed] < 0:
-                    clock[WANTED] = changed
+            if codes[CHANGE] <= 0 and (beside is not None or tables.event[g] != IMPACT):
+                codes[CHANGE] = WANTED_CODE
+                return done, RUN_PAUSED
+            if beside is not None:
+                jumps = jumped(tables, g, left, y, band_factor) >= 0
+            else:  # the contact force alone may be negative at once
+                jumps = tables.event[g] != IMPACT and left[tables.element[g], MOTION] != SWITCHED
+            if jumps:
+                came = change_by_address(
+                    codes[CHANGE], (JUMPS, g, 0, 0.0, done, tables, clock, left, beside, noise,
+                    band_factor, impacts, switches, work, waits)
+                )  # fmt: skip
+                if came == NOT_ENTERED:
                     return done, MODE_WANTED
-                transform(tables.change[tables.row[changed]], y, START, 0)
-                copy(y, 0, START)
-                there = guard_of(tables, tables.target[changed], tables.element[g])
-                enter(changed, there, clock, 0.0, 0.0, y, switches)
-                clock[LEFT_FROM] = -1.0
-                appear(tables, m, tables.target[changed], left)
-                if beside is not None:
-                    try_again(tables, there, left, y)
-                # By a force that jumped the gap has an acceleration at once, or its rate a rate.
-                own = left[tables.element[changed]]
-                if own[MOTION] == STILL:
-                    own[MOTION] = FLIGHT
-                if tables.torn[changed] == 2:
-                    clock[GUARD] = tables.partner[changed]
-                    own[MOTION] = BOUNCED
-                    own[SPEED] = 0.0
-                elif beside is not None and tables.torn[changed] == 1:
-                    after = ladder_at(ladders, tables.partner[changed])
-                    own[SPEED] = value_and_rates(after.rows, after.offset, y, START)[1]
-                    if own[SPEED] > 0.0:
-                        own[MOTION] = SWITCHED
-                        own[ORDER] = 1.0
-                elif beside is not None and tables.torn[changed] == 3:
-                    own[MOTION] = SWITCHED
-                    own[ORDER] = 2.0
-                    own[SPEED] = 0.0
-                elif beside is not None and returns(
-                    tables, there, changed, m, left, y, band_factor
-                ):
-                    own[MOTION] = SWITCHED
-                    own[ORDER] = 0.0
-                continue
+                if came == CHANGED:
+                    continue
             k = bounced(tables, m, left)
             if k >= 0:
                 if at != k:
@@ -250,90 +232,22 @@ def run(
                     gap = ladder_at(ladders, at)
                 own = left[tables.element[k]]
                 u = own[SPEED]
-                second, third, fourth, _ = start_sums(gap.rows, y, START)
-                r, drop = tables.restitution[k], tables.drop[k]
-                lost = 0.0
-                rest = 0.0
-                loose = scraping = False
-                if u > 0.0:
-                    order = 1
-                    rates = u
-                    if beside is not None and tables.law[k] >= 0:
-                        sticks, rest, lost, rates = chatter_by_law(
-                            tables, k, gap, u, second, third, fourth, registers
-                        )
-                    else:
-                        lost = lifted(r, drop, u, second)
-                        sticks = chatter_completes(
-                            gap,
-                            tables.kick[k],
-                            r,
-                            drop,
-                            tables.hold[k],
-                            tables.tolerance,
-                            u,
-                            second,
-                            third,
-                            fourth,
-                            tables.coupling[k] * lost,
-                        )
-                        if sticks:
-                            rest = chatter_rest(
-                                drag(gap, tables.kick[k]), r, drop, u, second, third
-                            )
-                            rates = u / (1.0 - r)
-                    if beside is not None:
-                        if sticks and beside > 0 and disturbs(tables, k, rates, rest, y):
-                            sticks = False
-                        scraping = sticks and tables.scraped.shape[1] > 0
-                        if scraping and tables.partner[k] >= 0:
-                            copy(y, START, KEPT)
-                            sticks, moved = scrapes_out(tables, k, r, u, second, left, y)
-                            lost += moved / tables.coupling[k]
+                number = beside is None or tables.law[k] < 0
+                if u > 0.0 and number and not accumulates(tables, k, gap, u, y)[0]:
+                    own[MOTION] = BOUNCES
+                    own[ORDER] = 1.0
                 else:
-                    if beside is not None:  # friction decides only what contact leaves to it
-                        loose = undecided(tables, k, left)
-                    order = 0 if loose else order_at_rest(gap, y, band_factor)
-                    if order > 0 and stays_in_band(gap, y, START, tables.tolerance):
-                        # It would never leave the table by more: all that moves is rounding.
-                        order = 0
-                    sticks = order <= 0
-                held = tables.partner[k]
-                if sticks:
-                    if held < 0:
-                        clock[WANTED] = k
-                        return done, MODE_WANTED
+                    if codes[CHANGE] <= 0:
+                        codes[CHANGE] = WANTED_CODE
+                        return done, RUN_PAUSED
                     spent += y.shape[2]
-                    transform(tables.change[tables.row[k]], y, START, 0)
-                    if not loose and sign_of(ladder_at(ladders, held), y, 0, 0, band_factor) < 0:
-                        # What rounding hid in flight is clear on the table: it does not hold the
-                        # mass.
-                        if u == 0.0:
-                            transform(tables.change[tables.row[held]], y, 0, START)
-                            normalise(y, gap.steady)
-                            order = order_at_rest(gap, y, band_factor)
-                        sticks = order <= 0
-                        if scraping and not sticks:
-                            copy(y, KEPT, START)
-                own[MOTION] = BOUNCES
-                own[ORDER] = order
-                if sticks:
-                    if u > 0.0:
-                        # Largest change of a position or velocity, to first order.
-                        clock[CHATTER_ERROR] += tables.coupling[k] * lost
-                        if noise is not None:
-                            perturb_cut(tables.excursion[k], lost, y, clock)
-                            transform(tables.change[tables.row[k]], y, START, 0)
-                    copy(y, KEPT if scraping else START, LEFT)
-                    clock[LEFT_FROM] = k
-                    copy(y, 0, START)
-                    appear(tables, m, tables.target[k], left)
-                    if beside is not None:
-                        try_again(tables, held, left, y)
-                    own[MOTION] = FLIGHT if loose else SWITCHED
-                    own[ORDER] = 0.0
-                    enter(k, held, clock, rest, u, y, switches)
-                    g = held
+                    came = change_by_address(
+                        codes[CHANGE], (RESTS, k, 0, 0.0, done, tables, clock, left, beside, noise,
+                        band_factor, impacts, switches, work, waits)
+                    )  # fmt: skip
+                    if came == NOT_ENTERED:
+                        return done, MODE_WANTED
+                    g = int(clock[GUARD])
                 if beside is not None and beside > 0:
                     continue  # another one may have bounced, or be torn off
         m = ladders.integers[g, GROUP]
@@ -376,17 +290,21 @@ def run(
                 copy(y, START, KEPT)
                 outcome, n, best, e, rate = ROOT, 0, k, 0.0, 0.0
                 break
-            found, steps, d, slope, cells = first_root(
-                gap,
-                order,
-                own[SPEED] if order > 0 else own[GAP],
-                band_factor,
-                tables.event[k] == IMPACT,
-                budget,
-                pause,
-                for_ever if outcome == NEVER else n,
-                work,
-            )
+            speed = own[SPEED] if order > 0 else own[GAP]
+            touches = tables.event[k] == IMPACT
+            horizon = for_ever if outcome == NEVER else n
+            if plain(gap):
+                found, steps, d, slope, cells = first_root(
+                    gap, order, speed, band_factor, touches, budget, pause, horizon, work, None
+                )
+            elif codes[SEARCH] > 0:
+                found, steps, d, slope, cells = search_by_address(
+                    codes[SEARCH],
+                    (gap, order, speed, band_factor, touches, budget, pause, horizon, work),
+                )
+            else:
+                codes[SEARCH] = WANTED_CODE
+                found, steps, d, slope, cells = PAUSED, 0, 0.0, 0.0, 0
             if found == PAUSED:
                 waiting[WAITS], waiting[TURN] = 1, turn
                 waiting[OUTCOME], waiting[STEPS], waiting[BEST] = outcome, n, best
@@ -435,40 +353,13 @@ def run(
             copy(y, KEPT, FOUND)
         own = left[tables.element[best]]
         if tables.event[best] in (SWITCH, HALT):
-            if tables.partner[best] < 0:
-                clock[WANTED] = best
+            came = change_by_address(
+                codes[CHANGE], (LEAVES, best, n, e, done, tables, clock, left, beside, noise,
+                band_factor, impacts, switches, work, waits)
+            )  # fmt: skip
+            if came == NOT_ENTERED:
                 return done, MODE_WANTED
-            if beside is not None:
-                know_gaps(tables, best, n, e, left, work)
-            after = ladder_at(ladders, tables.partner[best])
-            target = tables.target[best]
-            slots = tables.slots[target, : tables.counts[target]]
-            transform(tables.change[tables.row[best]], y, FOUND, START)
-            normalise(y, after.steady)
-            if noise is not None:
-                perturb_released(
-                    tables.change[tables.row[best]], slots, after.steady, y, clock, own, noise
-                )
-                perturb_reached(after.generator, slots, y, clock, noise)
-            move_on(clock, left, tables.element[best], n, smallest, e, tables.clock_rate)
-            clock[LEFT_FROM] = -1.0
-            # Others that switched at the same time do so in another mode.
-            if beside is not None:
-                try_again(tables, tables.partner[best], left, y)
-            own[MOTION] = SWITCHED if tables.event[best] == SWITCH else FLIGHT
-            own[ORDER] = tables.order[best]
-            own[SPEED] = 0.0
-            if beside is not None and tables.order[best] == 1:
-                own[SPEED] = value_and_rates(after.rows, after.offset, y, START)[1]
-            appear(tables, m, target, left)
-            enter(best, tables.partner[best], clock, 0.0, 0.0, y, switches)
-            if beside is not None and tables.marks[best]:
-                if store:
-                    note_impact(
-                        done, tables.partner[best], after.steady, clock, math.nan, y, impacts
-                    )
-                done += 1
-                clock[IMPACTS] += 1.0
+            done += came == COUNTED
             continue
         if beside is not None:
             if tables.event[best] == JAM:

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any, final
 
 import numpy as np
 
+from dynkit.core.jit import address_of
 from dynkit.core.validation import Array
 from dynkit.exponential.propagators import cells_of_a_call, workspace
 from dynkit.systems.impact.elements.element import HALT, IMPACT, REST, RIDES, EventKind
@@ -99,6 +100,45 @@ def course_from(
 
         return TaylorCourse(oscillator, start, noise=noise, seed=seed)
     return Course(oscillator, start, noise=noise, seed=seed, most_cells=most_cells, longest=longest)
+
+
+_ADDRESSES: dict[Any, int] = {}
+"""Addresses of the machine code that motions needed in this process."""
+
+
+def fill_codes(
+    gap: Any,
+    tables: Any,
+    clock: Array,
+    left: Array,
+    beside: int | None,
+    noise: float | None,
+    factor: float,
+    impacts: Any,
+    switches: Any,
+    work: Any,
+    waits: Array,
+) -> None:
+    """Put addresses of machine code into ``work.codes``; compile what a run has paused for."""
+    from dynkit.exponential.evaluation_kernels import CHANGE, LEAP, SEARCH, WANTED_CODE
+
+    for place, kind in ((LEAP, None), (SEARCH, None), (CHANGE, (beside is None, noise is None))):
+        if work.codes[place] == WANTED_CODE and (place, kind) not in _ADDRESSES:
+            from dynkit.exponential import certificate_kernels, search_kernels
+            from dynkit.systems.impact.simulation.change_kernels import change
+
+            if place == LEAP:
+                given: Any = gap, 0, 0, 0, 0, 0, 0, factor, 0.0, True, 0, work.states
+                code: Any = certificate_kernels.leap
+            elif place == SEARCH:
+                given = gap, 0, 0.0, factor, True, 0, 0, 0, work
+                code = search_kernels.search
+            else:
+                motion = tables, clock, left, beside, noise, factor
+                given = 0, 0, 0, 0.0, 0, *motion, impacts, switches, work, waits
+                code = change
+            _ADDRESSES[place, kind] = address_of(code, *given)
+        work.codes[place] = _ADDRESSES.get((place, kind), 0)
 
 
 @final
@@ -310,21 +350,22 @@ class Course:
             np.empty((rows if free.layout.table < 0 else 0, 2)),
         )
         done, ending, paradox = 0, kernels.RUN_PAUSED, False
-        while ending in (kernels.MODE_WANTED, kernels.SWITCHES_FULL, kernels.RUN_PAUSED):
+        gap = self._oscillator._automaton.guards[0].sum
+        given = self._oscillator._automaton.beside, self._noise or None, band_factor(slots)
+        limits = self._most_cells, cells_of_a_call(slots)
+        while ending in kernels.AGAIN:
+            rows = log._make([array[done:] for array in log]) if store and done else log
+            motion = self._tables, self._clock, self._left
+            buffers = rows, self._switches, self._work
+            fill_codes(
+                gap,
+                *motion,
+                *given,
+                *buffers,
+                self._waiting[1],
+            )
             impacts, ending = kernels.run(
-                self._tables,
-                self._clock,
-                self._left,
-                count - done,
-                self._oscillator._automaton.beside,
-                self._noise or None,
-                band_factor(slots),
-                self._most_cells,
-                cells_of_a_call(slots),
-                log._make([array[done:] for array in log]) if store and done else log,
-                self._switches,
-                self._work,
-                *self._waiting,
+                *motion, count - done, *given, *limits, *buffers, *self._waiting
             )
             done += impacts
             if ending == kernels.MODE_WANTED:
