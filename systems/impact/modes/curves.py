@@ -64,9 +64,13 @@ class CurvedContact:
         positions, velocities = x.reshape(-1, n), v.reshape(-1, n)
         for k, (at, moving) in enumerate(zip(positions, velocities, strict=True)):
             self.put(at, float(places[k]))
-            row = self.function.gradient(at)
-            moving += row * ((speeds[k] - row @ moving) / (row @ row))
+            self.push(at, moving, float(speeds[k]))
         x[...], v[...] = positions.reshape(x.shape), velocities.reshape(v.shape)
+
+    def push(self, x: Array, v: Array, speed: float) -> None:
+        """Give y a rate, at positions and velocities (N,); the latter change in place."""
+        row = self.function.gradient(x)
+        v += row * ((speed - row @ v) / (row @ row))
 
     def put(self, x: Array, place: float) -> None:
         """Give y a value at positions (N,), which move along its gradient there, in place.
@@ -100,7 +104,12 @@ class CurvedContact:
         By changes (d, N) of both and changes (d,) of place and speed.
         """
         by_x, by_v, place, speed = changes
-        row, bend = self.function.gradient(x), self.function.bend(x, v)
+        row = self.function.gradient(x)
         along = row / float(row @ row)
         by_x = by_x + np.outer(place - by_x @ row, along)
-        return by_x, by_v + np.outer(speed - by_x @ bend - by_v @ row, along)
+        return by_x, by_v + np.outer(speed - self.seen(x, v, by_x, by_v)[1], along)
+
+    def seen(self, x: Array, v: Array, by_x: Array, by_v: Array) -> tuple[Array, Array]:
+        """Changes (d,) of y and its rate by changes (d, N) of positions and velocities."""
+        row = self.function.gradient(x)
+        return by_x @ row, by_x @ self.function.bend(x, v) + by_v @ row

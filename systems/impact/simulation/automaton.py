@@ -431,7 +431,9 @@ class Automaton:
                 restitution = element.restitution
             coupled = self._coupled(guard)
             rubbed = self.parts.rubbed(self.regimes[guard.mode], guard.element)
-            drop, hold = self.parts.turns(rubbed, mode.forced.spread(contact.response))
+            change = mode.forced.spread(contact.response)
+            changes = np.array([e.row(self._size) @ change for e in self._elements])
+            drop, hold = self.parts.turns(rubbed, changes)
         return {
             "event": watch.event,
             "order": watch.order,

@@ -119,7 +119,7 @@ class TaylorAutomaton:
         if not any(guard.rubbed):
             return 0.0, 0.0
         response = self.modes[guard.mode].response(guard.element, x, phase)
-        return self.parts.turns(guard.rubbed, response)
+        return self.parts.turns(guard.rubbed, self._scene.rows_at(x) @ response)
 
     def outcome(self, guard: Guard, x: Array, phase: float) -> tuple[int, bool]:
         """What an impact at positions (N,) and a phase opens or moves, -1 for none.
