@@ -32,8 +32,9 @@ from dynkit.systems.impact.modes.structure import (
     place_of,
     structure_of,
 )
-from dynkit.systems.impact.simulation.automaton import Automaton, cycled_by, halts
+from dynkit.systems.impact.simulation.automaton import Automaton
 from dynkit.systems.impact.simulation.crossed import Crossed
+from dynkit.systems.impact.simulation.joined_modes import cycled_by, halts
 from dynkit.systems.impact.simulation.rebounding import Rebounding
 from dynkit.systems.structure.energies import NotQuadraticError
 from dynkit.systems.structure.equations import (
