@@ -1,6 +1,6 @@
 """Soft stops and dry friction along functions of the coordinates.
 
-Closed forms in forty digits, and linear machines in other coordinates by the exact engine.
+Closed forms, Taylor series in sixty digits, and linear machines in other coordinates.
 """
 
 from __future__ import annotations
@@ -13,12 +13,14 @@ import mpmath as mp
 import numpy as np
 import pytest
 import sympy as sp
+from flint import arb, arb_poly, ctx
 
 from dynkit import continue_orbit
 from dynkit.analysis import LyapunovSpectrum
 from dynkit.orbits.kinds import BifurcationKind
 from dynkit.systems import DryFriction, HardStop, ImpactChain, ImpactOscillator, Jenkins, SoftStop
 from dynkit.testing.maps import jacobian_is_the_derivative
+from tests.flows.cases import BITS, Many, followed_in_many_digits, taylor
 from tests.impact.test_taylor_rows import MACHINES, agree
 from tests.impact_orbits.bent_cases import Bent
 
@@ -418,6 +420,111 @@ DRIVEN: dict[str, Any] = {
 }
 
 
+class Wall:
+    """The pendulum and its wall in sixty digits: outside, pressing, lifted."""
+
+    def __init__(self) -> None:
+        self.regime = 0
+
+    def gap(self, z: list[Many]) -> Many:
+        return arb(0.5) - z[0].sin()
+
+    def force(self, z: list[Many]) -> Many:
+        return arb(0.3) * z[0].cos() * z[1] - 40 * self.gap(z)
+
+    def rates(self, z: list[Many]) -> list[Many]:
+        push = z[0].cos() * self.force(z) if self.regime == 1 else 0
+        return [
+            z[1],
+            arb(0.6) * z[2].sin() - z[0].sin() - arb(0.1) * z[1] - push,
+            0 * z[2] + arb(1.1),
+        ]
+
+    def zero(self, z: list[Many]) -> Many:
+        return self.force(z) if self.regime == 1 else self.gap(z)
+
+    def switched(self, z: list[Many]) -> list[Many]:
+        self.regime = (self.regime + 1) % 3
+        return z
+
+
+class Rod:
+    """The link and its friction in sixty digits: slips in either way, or sticks."""
+
+    def __init__(self) -> None:
+        self.way = 1
+
+    def row(self, z: list[Many]) -> tuple[Many, Many, Many]:
+        r = (z[0] * z[0] + z[1] * z[1]).sqrt()
+        return r, z[0] / r, z[1] / r
+
+    def free(self, z: list[Many]) -> list[Many]:
+        x, y, u, v, phase = z
+        return [
+            arb(0.5) * phase.sin() - x - arb(0.1) * u,
+            arb(0.4) * phase.cos() - arb(1.3) * y - arb(0.1) * v,
+        ]
+
+    def held(self, z: list[Many]) -> Many:
+        """Return the friction force that keeps the radius."""
+        (r, *row), a, (u, v) = self.row(z), self.free(z), z[2:4]
+        slip = row[0] * u + row[1] * v
+        return (slip * slip - u * u - v * v) / r - row[0] * a[0] - row[1] * a[1]
+
+    def rates(self, z: list[Many]) -> list[Many]:
+        (_, *row), a = self.row(z), self.free(z)
+        force = -arb(0.35) * self.way if self.way else self.held(z)
+        return [*z[2:4], a[0] + force * row[0], a[1] + force * row[1], 0 * z[4] + arb(0.6)]
+
+    def zero(self, z: list[Many]) -> Many:
+        if self.way:
+            _, *row = self.row(z)
+            return row[0] * z[2] + row[1] * z[3]
+        return abs(self.held(z)) - arb(0.42)
+
+    def switched(self, z: list[Many]) -> list[Many]:
+        held = self.held(z)
+        sticks = self.way and abs(held) < arb(0.42)
+        self.way = 0 if sticks else -1 if held > 0 else 1
+        return z
+
+
+@pytest.mark.parametrize(
+    ("name", "exact", "start"),
+    [
+        ("a pendulum and a rubber wall", Wall(), ([0.0], [0.9])),
+        ("friction along the radius of a link", Rod(), ([0.9, 0.1], [0.0, 0.4])),
+    ],
+)
+def test_driven_motions_differ_from_sixty_digits_by_no_more_than_their_error(
+    name: str, exact: Any, start: Any
+) -> None:
+    system = DRIVEN[name]
+    begin = system.state(*start)
+    record = system.simulate(impacts=2, start=begin)
+    times = np.unique(record.events.time)  # it halts and slips on at once
+    assert len(times) > 4
+    z, clock, back = [arb(x) for part in start for x in part] + [arb(0)], arb(0), arb(2.0**-20)
+    with ctx.workprec(BITS):
+        for time in times.tolist():
+            near = followed_in_many_digits(exact.rates, z, arb(time) - clock - back)
+            paths = taylor(exact.rates, near)
+
+            def at(t: Any, paths: list[Many] = paths) -> list[Many]:
+                return [arb_poly(path.coeffs())(t).mid() for path in paths]
+
+            steps = [back, back + arb(2.0**-30)]
+            for _ in range(4):
+                one, two = (exact.zero(at(t)).mid() for t in steps[-2:])
+                steps.append((steps[-1] - two * (steps[-1] - steps[-2]) / (two - one)).mid())
+            z, clock = exact.switched(at(steps[-1])), arb(time) - back + steps[-1]
+            assert abs(float(arb(time) - clock)) <= record.error[-1] < 1e-11
+        z = followed_in_many_digits(exact.rates, z, arb(float(record.time[-1])) - clock)
+    n = len(z) // 2
+    found = np.concatenate([record.position[-1], record.velocity[-1]])
+    assert abs(found - [float(x) for x in z[: 2 * n]]).max() <= record.error[-1]
+
+
 @pytest.mark.parametrize("name", DRIVEN)
 def test_nonlinear_machines_have_orbits_by_itinerary(name: str) -> None:
     system = DRIVEN[name]
@@ -462,6 +569,19 @@ def test_a_cycle_on_a_belt_is_that_of_one_mass() -> None:
     assert abs(bent.multipliers).max() < 1e-12
     derivative = bent.system.jacobian(bent.states[0])
     assert derivative.shape == (2, 2)
+
+
+def test_sections_along_functions_have_exact_derivatives() -> None:
+    wall = SoftStop("across", offset=0.5, side="below", stiffness=40.0)
+    table = DryFriction("angle", force=0.1, static=0.2, velocity=0.5)
+    cases: list[tuple[Any, Any]] = [
+        (Pendulum(frequency=1.0, drag=0.05, elements=[wall]), ([-1.0], [0.0])),
+        (Plane(frequency=1.0, drag=0.02, stiff=1.4, elements=[table]), ([1.0, 0.1], [0.0, 0.8])),
+    ]
+    for system, start in cases:
+        record = system.simulate(impacts=2, start=system.state(*start))
+        assert system.dimension == 2 * system.degrees_of_freedom
+        jacobian_is_the_derivative(system, record.states[1:])
 
 
 def test_exponents_beside_a_rubber_wall_are_those_of_the_orbit() -> None:

@@ -104,12 +104,7 @@ class CurvedContact:
         By changes (d, N) of both and changes (d,) of place and speed.
         """
         by_x, by_v, place, speed = changes
-        row = self.function.gradient(x)
+        row, bend = self.function.gradient(x), self.function.bend(x, v)
         along = row / float(row @ row)
         by_x = by_x + np.outer(place - by_x @ row, along)
-        return by_x, by_v + np.outer(speed - self.seen(x, v, by_x, by_v)[1], along)
-
-    def seen(self, x: Array, v: Array, by_x: Array, by_v: Array) -> tuple[Array, Array]:
-        """Changes (d,) of y and its rate by changes (d, N) of positions and velocities."""
-        row = self.function.gradient(x)
-        return by_x @ row, by_x @ self.function.bend(x, v) + by_v @ row
+        return by_x, by_v + np.outer(speed - by_x @ bend - by_v @ row, along)

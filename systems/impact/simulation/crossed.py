@@ -72,6 +72,5 @@ class Crossed:
             self.contact.put(v if self.halts else x, 0.0)
             return
         own = x[:, : self.size], v[:, : self.size]
-        seen = self.contact.seen(place, moving, *own)
-        fixed = (seen[0], 0.0) if self.halts else (0.0, seen[1])
-        own[0][:], own[1][:] = self.contact.lifted(place, moving, (*own, *fixed))
+        along = own[0] @ self.contact.function.gradient(place) * self.halts
+        own[self.halts][:] = self.contact.lifted(place, moving, (*own, along, 0.0))[self.halts]
