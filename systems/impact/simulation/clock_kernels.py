@@ -53,6 +53,10 @@ the forward and the backward one, or twice that while nothing moves it. Zero els
 BEGIN = 5
 """Numbers of each element; above, the places of them."""
 
+AT_THE_SAME_TIME = 64.0
+"""So many times their rounding events of different elements may be apart, and a gap may be off zero
+where another one is zero: errors of both accumulate."""
+
 FLIGHT, BOUNCED, SWITCHED, BOUNCES, STILL = range(5)
 """Gap open; just after an impact (u >= 0), which may come to rest; just after a switch; just after
 an impact, and it does not come to rest. Of friction: an impact has stopped it, but for rounding."""
@@ -91,10 +95,10 @@ def advance_clock(clock: Array, n: int, smallest: float, e: float, rate: float) 
 def move_on(
     clock: Array, left: Array, own: int, n: int, smallest: float, e: float, rate: float
 ) -> None:
-    """`advance_clock`; where time has passed all elements but one are in flight."""
-    time, low = clock[TIME], clock[TIME_LOW]
+    """`advance_clock`; where more time than its rounding has passed, all but one are in flight."""
+    at_once = AT_THE_SAME_TIME * EPSILON * clock[TIME]
     advance_clock(clock, n, smallest, e, rate)
-    if clock[TIME] != time or clock[TIME_LOW] != low:
+    if n * smallest + e > at_once:
         for element in range(left.shape[0]):
             if element != own:
                 left[element, MOTION] = FLIGHT
@@ -210,11 +214,13 @@ def perturb_cut(excursion: Array, lost: float, states: Array, clock: Array) -> N
 @kernel()
 def perturb_touch(gap: Ladder, band_factor: float, states: Array, clock: Array) -> float:
     """Move a touch, in the found state, by what the rounding band leaves open; the new rate."""
-    second, _, _, reach = start_sums(gap.rows, states, FOUND)
+    second, third, _, reach = start_sums(gap.rows, states, FOUND)
     band = band_factor * EPSILON * (reach + abs(gap.offset))
     longest = gap.smallest
     if second * longest * longest > 2.0 * band:
         longest = math.sqrt(2.0 * band / second)
+    if abs(third) * longest * longest * longest > 6.0 * band:
+        longest = (6.0 * band / abs(third)) ** (1.0 / 3.0)
     slots = states.shape[2]
     shift(gap.generator, longest * random(clock), states, FOUND, START, 0, slots)
     for row in range(2):

@@ -23,6 +23,7 @@ from dynkit.exponential.polynomial_kernels import polynomial
 from dynkit.exponential.stack_kernels import GROUP, ladder_at
 from dynkit.systems.impact.simulation.clock_kernels import (
     AT_LIMIT,
+    AT_THE_SAME_TIME,
     BOUNCED,
     BOUNCES,
     FLIGHT,
@@ -292,6 +293,22 @@ def together(tables: Tables, g: int, states: Array, band_factor: float) -> bool:
         if sign_of(ladder_at(tables.ladders, k), states, FOUND, 0, band_factor) <= 0:
             return True
     return False
+
+
+@kernel()
+def first_of(tables: Tables, g: int, states: Array, band_factor: float) -> int:
+    """The first of the stops that are hit at the same time, but for rounding, as that of guard `g`.
+
+    In a machine with a symmetry rounding would choose their order, anew at each of their impacts.
+    """
+    for k in range(tables.first[tables.ladders.integers[g, GROUP]], g):
+        if tables.event[k] != IMPACT:
+            continue
+        gap = ladder_at(tables.ladders, k)
+        closes = sign_of(gap, states, FOUND, 1, band_factor) < 0
+        if closes and sign_of(gap, states, FOUND, 0, AT_THE_SAME_TIME * band_factor) == 0:
+            return int(k)
+    return g
 
 
 @kernel()

@@ -84,6 +84,7 @@ from dynkit.systems.impact.simulation.event_kernels import (
     copy,
     disturbs,
     falls,
+    first_of,
     guard_of,
     jolt,
     jumped,
@@ -478,6 +479,13 @@ def run(
                 copy(y, FOUND, START)
                 move_on(clock, left, tables.element[best], n, smallest, e, tables.clock_rate)
                 return done, JAMMED
+            tied = first_of(tables, best, y, band_factor)
+            if tied != best:
+                at = best = tied
+                gap = ladder_at(ladders, best)
+                own = left[tables.element[best]]
+                outcome = ROOT
+                rate = value_and_rates(gap.rows, gap.offset, y, FOUND)[1]
             wanted = lets_go(tables, best)
             if wanted >= 0:
                 clock[WANTED] = wanted
