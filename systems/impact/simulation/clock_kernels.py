@@ -40,9 +40,11 @@ Indices = NDArray[np.intp]
     AMBIGUOUS,
     AT_ONCE,
     REMAINING,
-) = range(18)
-CLOCK = 18
-"""Numbers of a clock; above, the places of them."""
+    MARKED,
+) = range(19)
+CLOCK = 19
+"""Numbers of a clock; above, the places of them. At the time MARKED an undriven motion was on its
+section."""
 
 MOTION, ORDER, SPEED, GAP, AT_LIMIT = range(5)
 """Of each element, how it begins the flight: see `FLIGHT`; how many leading Taylor coefficients of

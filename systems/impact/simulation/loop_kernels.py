@@ -32,6 +32,7 @@ from dynkit.systems.impact.elements.law_kernels import evaluate
 from dynkit.systems.impact.simulation.clock_kernels import (
     AMBIGUOUS,
     AT_ONCE,
+    AT_THE_SAME_TIME,
     BOUNCED,
     BOUNCES,
     BUDGET,
@@ -42,6 +43,7 @@ from dynkit.systems.impact.simulation.clock_kernels import (
     GUARD,
     IMPACTS,
     LEFT_FROM,
+    MARKED,
     MOTION,
     ORDER,
     REMAINING,
@@ -466,7 +468,11 @@ def run(
             if beside is not None and tables.order[best] == 1:
                 own[SPEED] = value_and_rates(after.rows, after.offset, y, START)[1]
             enter(best, tables.partner[best], clock, 0.0, 0.0, y, switches)
-            if beside is not None and tables.marks[best]:
+            # Friction that slips and halts at the same time, as others slip, has halted once.
+            since = clock[TIME] - clock[MARKED]
+            at_once = since <= AT_THE_SAME_TIME * EPSILON * clock[TIME]
+            if beside is not None and tables.marks[best] and not at_once:
+                clock[MARKED] = clock[TIME]
                 if store:
                     note_impact(
                         done, tables.partner[best], after.steady, clock, math.nan, y, impacts
