@@ -8,6 +8,7 @@ from dynkit.core.jit import by_address, kernel
 from dynkit.core.validation import Array
 from dynkit.exponential.bound_kernels import stays_in_band
 from dynkit.exponential.evaluation_kernels import (
+    EPSILON,
     FOUND,
     KEPT,
     LEFT,
@@ -19,6 +20,7 @@ from dynkit.exponential.evaluation_kernels import (
 )
 from dynkit.exponential.stack_kernels import GROUP, ladder_at
 from dynkit.systems.impact.simulation.clock_kernels import (
+    AT_THE_SAME_TIME,
     BOUNCED,
     BOUNCES,
     CHATTER_ERROR,
@@ -26,11 +28,13 @@ from dynkit.systems.impact.simulation.clock_kernels import (
     GUARD,
     IMPACTS,
     LEFT_FROM,
+    MARKED,
     MOTION,
     ORDER,
     SPEED,
     STILL,
     SWITCHED,
+    TIME,
     WANTED,
     move_on,
     normalise,
@@ -99,7 +103,7 @@ def _jumps(
     clock[LEFT_FROM] = -1.0
     appear(tables, m, tables.target[changed], left)
     if beside is not None:
-        try_again(tables, there, left, y)
+        try_again(tables, there, left, y, band_factor)
     # By a force that jumped the gap has an acceleration at once, or its rate a rate.
     own = left[tables.element[changed]]
     if own[MOTION] == STILL:
@@ -185,9 +189,12 @@ def _rests(
         if not loose and sign_of(ladder_at(tables.ladders, held), y, 0, 0, band_factor) < 0:
             # What rounding hid in flight is clear on the table: it does not hold the mass.
             if u == 0.0:
-                transform(tables.change[tables.row[held]], y, 0, START)
-                normalise(y, gap.steady)
-                order = order_at_rest(gap, y, band_factor)
+                if tables.partner[held] >= 0 and tables.target[held] == m:
+                    transform(tables.change[tables.row[held]], y, 0, START)
+                    normalise(y, gap.steady)
+                    order = order_at_rest(gap, y, band_factor)
+                else:  # friction would hold the mass, but has just let it go
+                    order = 3 * sign_of(gap, y, START, 3, band_factor)
             sticks = order <= 0
             if scraping and not sticks:
                 copy(y, KEPT, START)
@@ -205,7 +212,7 @@ def _rests(
         copy(y, 0, START)
         appear(tables, m, tables.target[k], left)
         if beside is not None:
-            try_again(tables, held, left, y)
+            try_again(tables, held, left, y, band_factor)
         own[MOTION] = FLIGHT if loose else SWITCHED
         own[ORDER] = 0.0
         enter(k, held, clock, rest, u, y, switches)
@@ -223,6 +230,7 @@ def _leaves(
     left: Array,
     beside: int | None,
     noise: float | None,
+    band_factor: float,
     impacts: Impacts,
     switches: Switches,
     work: Workspace,
@@ -248,16 +256,20 @@ def _leaves(
     move_on(clock, left, tables.element[best], n, ladders.smallest[m], e, tables.clock_rate)
     clock[LEFT_FROM] = -1.0
     # Others that switched at the same time do so in another mode.
+    appear(tables, m, target, left)
     if beside is not None:
-        try_again(tables, tables.partner[best], left, y)
+        try_again(tables, tables.partner[best], left, y, band_factor)
     own[MOTION] = SWITCHED if tables.event[best] == SWITCH else FLIGHT
     own[ORDER] = tables.order[best]
     own[SPEED] = 0.0
     if beside is not None and tables.order[best] == 1:
         own[SPEED] = value_and_rates(after.rows, after.offset, y, START)[1]
-    appear(tables, m, target, left)
     enter(best, tables.partner[best], clock, 0.0, 0.0, y, switches)
-    if beside is not None and tables.marks[best]:
+    # Friction that slips and halts at the same time, as others slip, has halted once.
+    since = clock[TIME] - clock[MARKED]
+    at_once = since <= AT_THE_SAME_TIME * EPSILON * clock[TIME]
+    if beside is not None and tables.marks[best] and not at_once:
+        clock[MARKED] = clock[TIME]
         if impacts.time.shape[0] > 0:
             note_impact(done, tables.partner[best], after.steady, clock, math.nan, y, impacts)
         clock[IMPACTS] += 1.0
@@ -291,7 +303,9 @@ def change(
         return _jumps(k, tables, clock, left, beside, band_factor, switches, work)
     if what == RESTS:
         return _rests(k, tables, clock, left, beside, noise, band_factor, switches, work, waits)
-    return _leaves(k, n, e, done, tables, clock, left, beside, noise, impacts, switches, work)
+    return _leaves(
+        k, n, e, done, tables, clock, left, beside, noise, band_factor, impacts, switches, work
+    )
 
 
 change_by_address = by_address(change, int)

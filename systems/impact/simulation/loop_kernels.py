@@ -24,6 +24,7 @@ from dynkit.exponential.evaluation_kernels import (
     START,
     WANTED_CODE,
     Workspace,
+    value_and_rates,
 )
 from dynkit.exponential.polynomial_kernels import LIMIT, NEVER, PAUSED, ROOT, TOUCH
 from dynkit.exponential.sampling_kernels import fly
@@ -88,6 +89,7 @@ from dynkit.systems.impact.simulation.event_kernels import (
     come_to_rest,
     copy,
     falls,
+    first_of,
     guard_of,
     jolt,
     jumped,
@@ -366,6 +368,13 @@ def run(
                 copy(y, FOUND, START)
                 move_on(clock, left, tables.element[best], n, smallest, e, tables.clock_rate)
                 return done, JAMMED
+            tied = first_of(tables, best, y, band_factor)
+            if tied != best:
+                at = best = tied
+                gap = ladder_at(ladders, best)
+                own = left[tables.element[best]]
+                outcome = ROOT
+                rate = value_and_rates(gap.rows, gap.offset, y, FOUND)[1]
             wanted = lets_go(tables, best)
             if wanted >= 0:
                 clock[WANTED] = wanted
