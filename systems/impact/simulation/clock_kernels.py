@@ -97,15 +97,24 @@ def advance_clock(clock: Array, n: int, smallest: float, e: float, rate: float) 
 def move_on(
     clock: Array, left: Array, own: int, n: int, smallest: float, e: float, rate: float
 ) -> None:
-    """`advance_clock`; where more time than its rounding has passed, all but one are in flight."""
-    at_once = AT_THE_SAME_TIME * EPSILON * clock[TIME]
+    """`advance_clock`; where more time than its rounding has passed, all but one are in flight.
+
+    Low bounces last less, but their gaps are known to more digits than the state has: a stop that
+    has bounced is in flight after any time, and all others where its own bounce is over.
+    """
+    time, low = clock[TIME], clock[TIME_LOW]
+    later = n * smallest + e > AT_THE_SAME_TIME * EPSILON * time
+    if own >= 0:
+        later = later or left[own, ORDER] == 1.0 or left[own, GAP] > 0.0
+        left[own, GAP] = 0.0
     advance_clock(clock, n, smallest, e, rate)
-    if n * smallest + e > at_once:
+    if clock[TIME] != time or clock[TIME_LOW] != low:
         for element in range(left.shape[0]):
-            if element != own:
+            known = left[element, GAP] > 0.0 and left[element, ORDER] <= 1.0
+            if element != own and (later or known):
                 left[element, MOTION] = FLIGHT
                 left[element, ORDER] = 0.0
-            if abs(left[element, AT_LIMIT]) == 1.0:
+            if later and abs(left[element, AT_LIMIT]) == 1.0:
                 left[element, AT_LIMIT] = 0.0
 
 

@@ -247,7 +247,9 @@ def know_gaps(tables: Tables, g: int, n: int, e: float, left: Array, work: Works
         own = left[tables.element[k]]
         order = int(own[ORDER])
         rubbed = tables.event[g] != IMPACT or tables.drop[k] + tables.hold[k] > 0.0
-        if k == g or n > 0 or not rubbed or (order == 0 and own[GAP] == 0.0):
+        if k == g:  # that is over after `move_on`
+            continue
+        if n > 0 or not rubbed or (order == 0 and own[GAP] == 0.0):
             own[GAP] = 0.0
             continue
         gap = ladder_at(tables.ladders, k)
