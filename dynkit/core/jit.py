@@ -118,6 +118,7 @@ def _classes() -> Any:
     true. Numba would also optimise each of them, with all that it calls, and make machine code of
     it. Their code is linked into that of the kernels that Python calls, and optimised as a whole.
     """
+    from llvmlite import binding
     from numba.core import codegen, compiler, compiler_machinery, dispatcher, types, typing
     from numba.core.registry import CPUDispatcher
 
@@ -184,6 +185,13 @@ def _classes() -> Any:
             quick = self._codegen._pass_builder(opt=1, loop_vectorize=False, slp_vectorize=False)
             for function in module.functions:
                 quick.getFunctionPassManager().run(function, quick)
+
+        def _optimize_final_module(self) -> None:
+            super()._optimize_final_module()
+            # Of its own: else that of the entry which was loaded first would run, with other bits.
+            for function in self._final_module.functions:
+                if not function.is_declaration and function.linkage is binding.Linkage.linkonce_odr:
+                    function.linkage = "internal"
 
     class Linked(Entry):
         codegen = SimpleNamespace(set_env=lambda *_: None)
