@@ -187,11 +187,11 @@ def _classes() -> Any:
                 quick.getFunctionPassManager().run(function, quick)
 
         def _optimize_final_module(self) -> None:
-            super()._optimize_final_module()
             # Of its own: else that of the entry which was loaded first would run, with other bits.
             for function in self._final_module.functions:
                 if not function.is_declaration and function.linkage is binding.Linkage.linkonce_odr:
                     function.linkage = "internal"
+            super()._optimize_final_module()
 
     class Linked(Entry):
         codegen = SimpleNamespace(set_env=lambda *_: None)
