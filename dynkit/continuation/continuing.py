@@ -136,6 +136,7 @@ def continue_by(
     low, high = checked_bounds("bounds", bounds)
     problem, start_x = _once(problem_of(orbit, (parameter,)), orbit)
     in_interval(parameter, float(problem.values[0]), low, high)
+    problem, start_x = problem.departing(start_x, 1.0 if problem.values[0] < high else -1.0)
     beyond = boolean("inadmissible", inadmissible)
     if not beyond and not orbit.admissible:
         raise ValueError("orbit must be admissible where inadmissible=False; got one that is not")

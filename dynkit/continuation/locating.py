@@ -39,6 +39,8 @@ _UNSURE = 1e-5
 # ones have large rounding errors.
 _ON_BORDER = 1e-5
 _PAIRS = (BifurcationKind.NS, BifurcationKind.HB)
+# Of the distance of a zero that values foretell: so far beside it the step is divided.
+_ASIDE = 0.02
 # Parts of a step at which it is divided: near a chatter's border orbits may not be defined.
 _PARTS = (0.5, 0.25, 0.75, 0.125)
 # Largest distance of a multiplier from the critical value at PD, and where a bifurcation is only
@@ -52,14 +54,14 @@ def locate(
     """Return the bifurcation between two points; None when there is none after all.
 
     Newton's method is applied to its extended system. As long as it does not converge to a solution
-    between the points, the step is bisected. If it never converges, the last step, as short as
+    between the points, the step is divided. If it never converges, the last step, as short as
     rounding allows, is the result, except for NS, HB and jumps.
     """
     began = time.perf_counter()
     steps = 0
     heights = [_height(before, crossing), _height(after, crossing)]
     size = max(height for height in heights if height < np.inf)
-    due = 8
+    due, division = 8, _Division(crossing.event, before, after)
     for halving in range(_HALVINGS):
         if halving % 8 == 0 if halving > 8 else _is_plain(before, after, crossing):
             known = after.seen.branch_point if crossing.kind is BifurcationKind.BP else None
@@ -71,8 +73,9 @@ def locate(
             blurs = _blurs(curve, before, after)
             if blurs <= 1.0:
                 break
-            due += math.ceil(min(8.0, math.log2(blurs)))
-        middle = _examined_middle(problem, curve, before, after, crossing)
+            due += math.ceil(min(8.0, math.log2(blurs) / 3.0))
+        part = division.part(before, after)
+        middle = _examined_middle(problem, curve, before, after, crossing, part)
         if middle is None:
             break
         steps += middle.iterations
@@ -82,6 +85,7 @@ def locate(
             before = middle
         else:
             return None
+        division.take(middle)
     least = min(_height(before, crossing), _height(after, crossing))
     if least > KINDS[crossing.kind].jump * size:
         return None
@@ -139,15 +143,62 @@ def _blurs(curve: Continuation, before: Point, after: Point) -> float:
     return float((apart[apart > 0.0] / blur[apart > 0.0]).max(initial=0.0))
 
 
+class _Division:
+    """Where steps are divided: just before and just beyond where an event's value is zero, in turn.
+
+    That is where the line through the last two positive values is zero; negative ones may be
+    jagged, as at the border of a chatter. Half-way where there is no event, where that place is not
+    within the step, and where steps are longer than by halving, as where the value jumps.
+    """
+
+    def __init__(self, event: int, before: Point, after: Point) -> None:
+        self._event, self._begin = event, before
+        self._longest, self._beyond = 4.0 * self._way(after), False
+        self._positive: list[tuple[float, float]] = []
+        for point in (before, after):
+            self.take(point)
+
+    def _way(self, point: Point) -> float:
+        """Distance from the begin of the first step."""
+        return float(np.linalg.norm((point.y - self._begin.y) / self._begin.scale))
+
+    def take(self, point: Point) -> None:
+        """Note a point of the branch."""
+        if self._event < 0:
+            return
+        event = point.seen.events[self._event]
+        self._beyond = event.value > 0.0
+        if 0.0 < event.value < np.inf:
+            distance = event.value ** (1.0 / event.power)
+            self._positive = [*self._positive[-1:], (self._way(point), distance)]
+
+    def part(self, before: Point, after: Point) -> float:
+        """Part of the step at which it is divided."""
+        low, high = self._way(before), self._way(after)
+        late, self._longest = high - low > self._longest, 0.5 * self._longest
+        if late or len(self._positive) < 2:
+            return _PARTS[0]
+        (s, a), (t, b) = self._positive
+        away = b * (t - s) / (a - b) if a != b else np.inf
+        wanted = t + away * (1.0 + (_ASIDE if self._beyond else -_ASIDE))
+        part = float((wanted - low) / (high - low))
+        return part if 0.0 < part < 1.0 else _PARTS[0]
+
+
 def _examined_middle(
-    problem: Problem, curve: Continuation, before: Point, after: Point, crossing: Crossing
+    problem: Problem,
+    curve: Continuation,
+    before: Point,
+    after: Point,
+    crossing: Crossing,
+    first: float,
 ) -> Point | None:
-    """A point about half-way; elsewhere within the step where there is no such orbit half-way.
+    """A point at a part of the step; elsewhere within it where there is no such orbit there.
 
     For an event only the events of its orbit are computed.
     """
     length = float(np.linalg.norm((after.y - before.y) / before.scale))
-    for part in _PARTS:
+    for part in (first, *_PARTS):
         if crossing.event < 0:
             middle = curve.at(before, part * length)
         else:

@@ -132,6 +132,15 @@ class Problem(ABC):
         """
         return self, x
 
+    def departing(self, x: Array, way: float) -> tuple[Problem, Array]:
+        """Return the equations that a branch solves which begins at a solution, and its unknowns.
+
+        They may differ where the one free parameter parts what happens at once in the solution.
+        Positive, `way` is that of larger values of the parameter, else of smaller ones. By default
+        this problem and the same unknowns.
+        """
+        return self, x
+
     def repetition(self, x: Array) -> float:
         """Return the distance of a solution from the repetitions of orbits with a shorter period.
 

@@ -39,7 +39,6 @@ from dynkit.systems.impact.simulation.state import (
 from dynkit.systems.impact.simulation.trajectory import Trajectory
 from dynkit.systems.impact.variational.map_derivative import (
     impact_derivative,
-    parameter_derivative,
     tangent,
 )
 
@@ -334,10 +333,6 @@ class ImpactMap(DrivenStructure, Map):
         if not self._curves:
             return factors, errors
         return self._frame(following).T @ factors @ self._frame(state), errors
-
-    def parameter_derivative(self, state: Array, name: str) -> Array:
-        found = parameter_derivative(self, self.impact_state(state), name)
-        return super().parameter_derivative(state, name) if found is None else found
 
     def stretching(
         self, state: Array | ImpactState, n: int, frame: Array | None = None

@@ -336,7 +336,7 @@ def test_tangents_stretch_as_derivatives_do(law: ImpactLaw) -> None:
     assert spectrum.exponents[0] * n == pytest.approx(largest, abs=0.01)
 
 
-def test_parameter_derivatives_of_a_law_are_differences() -> None:
+def test_parameter_derivatives_of_a_law_are_those_of_differences() -> None:
     chain = ImpactChain(masses=2, frequency=0.87, restitution=Hardening(0.5, 1.0))
     state = chain.simulate(impacts=60).states[-1]
     for name in ("amplitude", "restitution.low", "restitution.scale"):

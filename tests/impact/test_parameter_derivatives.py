@@ -1,4 +1,4 @@
-"""Derivatives of the impact map by parameters, in closed form against differences of maps."""
+"""Derivatives of the impact map by parameters, exact ones against differences of maps."""
 
 from __future__ import annotations
 
@@ -11,10 +11,19 @@ from dynkit.core.differences import parameter_difference
 from dynkit.core.no_motion import replaced
 from dynkit.dynamics.map import Map
 from dynkit.exponential.propagators import Propagators
-from dynkit.systems import BouncingBall, ImpactChain, PlayOscillator
+from dynkit.systems import (
+    BouncingBall,
+    DryFriction,
+    HardStop,
+    ImpactChain,
+    Jenkins,
+    PlayOscillator,
+    SoftStop,
+)
 from dynkit.systems.impact.oscillators.matrix import MatrixOscillator
 from dynkit.systems.impact.oscillators.oscillator import ImpactOscillator
 from dynkit.systems.structure.lagrangian import LagrangianStructure
+from tests.impact.own_laws import Hardening
 
 BALL = BouncingBall(amplitude=1.3, frequency=1.0, restitution=0.5)
 STRUCTURE = MatrixOscillator(
@@ -44,9 +53,42 @@ SYSTEMS = {
     ),
     "two stops": (STRUCTURE.replace(play=0.3), ("play", "offset", "amplitude")),
 }
+SHAKEN = ImpactChain(
+    masses=2,
+    frequency=0.9,
+    harmonic_forces=[0.4, 0.8j],
+    elements=[
+        HardStop(1, offset=-0.3, amplitude=0.1, restitution=Hardening(0.5, 1.0), name="table"),
+        SoftStop(0, offset=-0.1, stiffness=20.0, damping=0.2, amplitude=0.1, name="pad"),
+        DryFriction((0, 1), force=0.05, static=0.06, velocity=0.1, amplitude=0.05, name="rub"),
+        Jenkins(0, stiffness=2.0, force=0.1, amplitude=0.05, phase=0.3, side="below", name="joint"),
+    ],
+)
+STROBED = SHAKEN.replace(elements=SHAKEN.elements[1:])
+MODES = {
+    "elements": (
+        SHAKEN,
+        (
+            "frequency",
+            "springs",
+            "damping",
+            "table.restitution.scale",
+            "table.phase",
+            "pad.damping",
+            "rub.velocity",
+            "joint.amplitude",
+        ),
+    ),
+    "elements without a stop": (STROBED, ("frequency", "pad.offset", "rub.force", "joint.phase")),
+    "contact": (
+        ImpactChain(masses=2, frequency=0.8, restitution=0.0),
+        ("frequency", "offset", "damping", "springs"),
+    ),
+}
 CASES = [
     (kind, name, k) for kind, (_, names) in SYSTEMS.items() for name in names for k in (0, 3, 4)
 ]
+CASES += [(kind, name, 3) for kind, (_, names) in MODES.items() for name in names]
 
 
 def state_of(system: ImpactOscillator, skipped: int) -> np.ndarray:
@@ -56,11 +98,11 @@ def state_of(system: ImpactOscillator, skipped: int) -> np.ndarray:
 
 @pytest.mark.parametrize(("kind", "name", "skipped"), CASES)
 def test_derivatives_are_those_of_differences(kind: str, name: str, skipped: int) -> None:
-    system = SYSTEMS[kind][0]
+    system = (SYSTEMS | MODES)[kind][0]
     state = state_of(system, skipped)
     differences = parameter_difference(
         lambda value: replaced(system, **{name: value})(state),
-        getattr(system, name),
+        system.value_of(name),
         difference=system.difference,
     )
     with patch.object(Map, "parameter_derivative", side_effect=AssertionError):

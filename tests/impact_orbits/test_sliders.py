@@ -264,3 +264,57 @@ def test_joints_of_a_symmetric_machine_yield_at_once() -> None:
     assert abs(place - wanted).max() <= orbit.error + one.error
     branch = continue_orbit(orbit, "frequency", bounds=(0.79, 0.81))
     assert branch.admissible.all()
+
+
+# --- sliders that yield at once -------------------------------------------------------------------
+
+
+def twins(force: float, rows: tuple[int, int]) -> Any:
+    """Two equal masses, or one, with two sliders, which are equal where the force is 0.3."""
+    n = max(rows) + 1
+    return MatrixOscillator(
+        M=np.eye(n),
+        C=0.1 * np.eye(n),
+        K=float(n) * np.eye(n) - (n - 1.0) * np.eye(n)[::-1],
+        frequency=0.7,
+        harmonic_forces=[0.8] * n,
+        elements=[
+            Jenkins(rows[0], stiffness=1.0, force=0.3, name="one"),
+            Jenkins(rows[1], stiffness=1.0, force=force, name="other"),
+        ],
+    )
+
+
+@pytest.mark.parametrize("rows", [(0, 1), (0, 0)])
+def test_branches_on_both_sides_of_equal_sliders_are_motions(rows: tuple[int, int]) -> None:
+    orbit = orbit_of(twins(0.3, rows))
+    branch = continue_orbit(orbit, "other.force", bounds=(0.29, 0.31))
+    found = branch.bifurcations[0]
+    (other,) = found.switch()
+    below = continue_orbit(other, "other.force", bounds=(0.29, 0.31))
+    # on the border itself rounding decides
+    for part, sign in ((branch, 1.0), (below, -1.0)):
+        assert part.bifurcations
+        for own in part.bifurcations:
+            assert "at once" in own.touching
+            assert abs(own.value - 0.3) <= own.error < 1e-10
+        apart = abs(part.parameter - 0.3) > 1e-9
+        assert (part.admissible == (sign * (part.parameter - 0.3) > 0.0))[apart].all()
+        end = part.orbit(int(np.argmax(sign * part.parameter)))
+        settled = end.system.attractor(transient=900, impacts=1)
+        apart = abs(end.system.difference(end.states[-1], settled.states[-1])).max()
+        assert apart <= end.error + settled.error
+
+
+def test_a_branch_to_smaller_values_begins_in_their_order() -> None:
+    branch = continue_orbit(orbit_of(twins(0.3, (0, 1))), "other.force", bounds=(0.28, 0.3))
+    assert branch.admissible[branch.parameter < 0.3].all()
+
+
+def test_sliders_that_no_parameter_parts_stay_one_event() -> None:
+    orbit = orbit_of(twins(0.3, (0, 1)))
+    branch = continue_orbit(orbit, "frequency", bounds=(0.69, 0.72))
+    assert branch.admissible.all()
+    assert not branch.bifurcations
+    problem: Any = branch._problem
+    assert len(problem.itinerary) == 4

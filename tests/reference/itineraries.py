@@ -14,6 +14,8 @@ from tests.reference.friction import Cushion, Gap, Rub, Table
 from tests.reference.soft_stops import SoftStopReference
 
 DIGITS = 45
+NEAR = 1e-6
+"""Phases that are nearer are those of one event."""
 
 
 class ExactMachine:
@@ -117,10 +119,11 @@ class ExactOrbit:
             else:
                 raise RuntimeError(f"Newton's method in many digits must converge; left {left}")
             self.phases = [y[i] for i in range(self.count)]
-            self.states = [z[: self.dimension] for z in self.passed(y)[0]]
+            before, _, self.after = self.passed(y)
+            self.states = [z[: self.dimension] for z in before]
 
-    def passed(self, y: Any) -> tuple[list[Any], list[Any]]:
-        """States just before the events and a period later, and the guards."""
+    def passed(self, y: Any) -> tuple[list[Any], list[Any], list[Any]]:
+        """States just before the events and a period later, the guards, and states just after."""
         phases = [y[i] for i in range(self.count)]
         clock = self.frequency
         if not self.driven:
@@ -128,7 +131,7 @@ class ExactOrbit:
         phases.append(phases[0] + self.turn)
         z = mp.matrix([*[y[self.count + i] for i in range(self.dimension)]])
         z = mp.matrix([*z, mp.sin(phases[0]), mp.cos(phases[0]), 1])
-        states, guards = [list(z)], []
+        states, guards, started = [list(z)], [], []
         for i, event in enumerate(self.itinerary):
             regimes = event.mode.numbers
             if event.element < 0:
@@ -146,13 +149,14 @@ class ExactOrbit:
                     most = -rub.coefficient * change * over / (stop.rate * stop.kick)[0]
                     z = z - (way * most if way else (rub.rate * z)[0]) / over * rub.kick
             after = self.itinerary[(i + 1) % self.count].mode.numbers
+            started.append(z)
             z = mp.expm(self.flows[after] * ((phases[i + 1] - phases[i]) / clock)) * z
             states.append(list(z))
-        return states, guards
+        return states, guards, started
 
     def left(self, y: Any) -> Any:
         """Guards at the events, and what the state misses a period later."""
-        states, guards = self.passed(y)
+        states, guards, _ = self.passed(y)
         missing = [states[-1][i] - states[0][i] for i in range(self.dimension)]
         return mp.matrix([*guards, *missing])
 
@@ -166,6 +170,39 @@ class ExactOrbit:
             for i in range(len(y)):
                 out[i, k] = change[i]
         return out
+
+    def at(self, phase: float) -> Any:
+        """The state (D,) at a phase between events, or just after the event that is near it."""
+        which = [k for k in range(self.count) if float(self.phases[k]) <= phase + NEAR]
+        turns, k = (0, which[-1]) if which else (1, self.count - 1)
+        since = phase + turns * self.turn - self.phases[k]
+        flow = self.flows[self.itinerary[(k + 1) % self.count].mode.numbers]
+        later = mp.mpf(0) if abs(since) < NEAR else since / self.frequency
+        return mp.expm(flow * later) * self.after[k]
+
+
+def section_error(orbit: Any) -> float:
+    """Largest error of a section coordinate of an orbit of a driven machine.
+
+    Positions, velocities, relative velocities and phases just after impacts, or at releases; where
+    nothing impacts positions and velocities at the beginnings of periods.
+    """
+    with mp.workdps(DIGITS):
+        exact, system, errors = ExactOrbit(orbit), orbit.system, []
+        n, found = exact.machine.size, orbit.states.tolist()
+        for row, phase in zip(found, orbit.phases.tolist(), strict=True):
+            near = [k for k in range(exact.count) if abs(float(exact.phases[k]) - phase) < NEAR]
+            z = exact.at(phase)
+            true = list(z[: 2 * n])
+            if not system._strobed:
+                event = exact.itinerary[near[-1]]
+                stop = exact.machine.parts[event.element]
+                kept = system._others[event.element].tolist()
+                u = (stop.rate * z)[0] * (-1 if event.element == 1 and system._faces else 1)
+                true = [z[k] for k in kept] + [z[n + k] for k in kept] + [u]
+                errors.append(abs(mp.mpf(phase) - exact.phases[near[-1]]))
+            errors += [abs(mp.mpf(a) - b) for a, b in zip(row, true, strict=False)]
+        return float(max(errors))
 
 
 def actual_error(orbit: Any) -> float:

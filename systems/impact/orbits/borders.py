@@ -35,6 +35,8 @@ class Border(Condition):
     ends = True
     """Whether there is no such orbit beyond."""
     unknowns = 0
+    power = 1.0
+    """Power of the distance from the border to which the number is proportional."""
 
     def __init__(self, problem: Any, part: int, number: int = 0, side: int = 0) -> None:
         self.problem, self.part, self.number, self.side = problem, part, number, side

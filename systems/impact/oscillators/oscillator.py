@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from typing import TYPE_CHECKING, cast
 
 from dynkit.core.validation import (
@@ -16,11 +17,13 @@ from dynkit.core.validation import (
 from dynkit.dynamics.attractor import Attractor
 from dynkit.dynamics.map import Arrivals
 from dynkit.systems.impact.impact_map import ImpactMap
+from dynkit.systems.impact.orbits.sensitivity import change_by, map_derivative_by
 from dynkit.systems.impact.oscillators.attractor import ImpactAttractor
 from dynkit.systems.impact.records.record import OF_IMPACTS, ImpactRecord
 from dynkit.systems.impact.simulation.state import (
     ImpactState,
 )
+from dynkit.systems.impact.variational.map_derivative import parameter_derivative
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -100,6 +103,22 @@ class ImpactOscillator(ImpactMap):
     J. P. Cusumano, B.-Y. Bai, Chaos, Solitons & Fractals 3 (1993) 515-535, equations 8 to 12 and
     15.
     """
+
+    def parameter_derivative(self, state: Array, name: str) -> Array:
+        start = self.impact_state(state)
+        found = parameter_derivative(self, start, name)
+        if found is None and self._motion is None:
+            known = self._changes
+            if name not in known:
+                known[name] = change_by(self, name)
+            change = known[name]
+            found = None if change is None else map_derivative_by(self, start, change)
+        return super().parameter_derivative(state, name) if found is None else found
+
+    @cached_property
+    def _changes(self) -> dict[str, Array | None]:
+        """Derivatives of its numbers by some parameters."""
+        return {}
 
     @property
     def observables(self) -> Sequence[str]:

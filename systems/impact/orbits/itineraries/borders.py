@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
+from functools import cache
 from typing import TYPE_CHECKING, Any, NamedTuple, final
 
 import numpy as np
@@ -28,6 +29,7 @@ from dynkit.systems.impact.orbits.flights import Curve
 from dynkit.systems.impact.orbits.itineraries.happening import Happening, Itinerary
 from dynkit.systems.impact.orbits.itineraries.itinerary import regimes_of
 from dynkit.systems.impact.orbits.itineraries.motion import SAME
+from dynkit.systems.impact.orbits.itineraries.parting import reversed_order
 from dynkit.systems.impact.orbits.itineraries.shooting import ShootingSolution
 from dynkit.systems.impact.orbits.machine import Regimes
 
@@ -182,21 +184,46 @@ class _WhereItBegins(Border):
         return solution.begins(self.part), self.side
 
 
+@cache
+def power_of(restitution: float) -> float:
+    """Power of the distance from its border as which the force vanishes where a chatter ends.
+
+    Beside the border the acceleration of the gap is proportional to the time T until it is zero. In
+    units of T, and of T^2 for velocities, a flight of duration s begins with the velocity
+    u = s/2 - s^2/6, and the next one with r (s/2 - s^2/3) / (1 - s)^2, and T is (1 - s) T. The
+    chatter that ends just there has equal flights: (3 - s) (1 - s)^2 = r (3 - 2 s). A disturbance
+    of its velocity grows m times in a bounce. So the T at which a chatter ends is as its distance
+    from the border to the power of -log(1 - s) / log(m).
+    """
+    r = restitution
+    if not 0.0 < r < 1.0:
+        return 1.0 if r <= 0.0 else 0.6
+    roots = np.roots([-1.0, 5.0, 2.0 * r - 7.0, 3.0 * (1.0 - r)])
+    s = float(roots[abs(roots.imag) < 1e-9].real.min())
+    left = 1.0 - s
+    grown = (0.5 - s / 1.5) / left**2 + (s - s * s / 1.5) / left**3
+    return -math.log(left) / math.log(r * grown / (0.5 - s / 3.0))
+
+
 @final
 class ChatterEnd(_WhereItBegins):
     """The contact force is zero where contact begins after a chatter."""
 
     def value(self, solution: Any) -> float:
+        self.power = power_of(self._restitution(solution))
         return float(solution.chatters[self.part].pressing)
 
     def size(self, solution: Any) -> float:
         return float(solution.force_unit(self.part, self.side))
 
-    def begin(self, solution: Any) -> Array:
+    def _restitution(self, solution: Any) -> float:
         law = solution.oscillator._elements[self.side].restitution
         if isinstance(law, ImpactLaw):
             law = solution.restitutions[solution.impulse_of[self.part]]
-        if law > 0.0:
+        return float(law)
+
+    def begin(self, solution: Any) -> Array:
+        if self._restitution(solution) > 0.0:
             raise NoSolution("the force where an endless chatter ends is not smooth there")
         return np.empty(0)
 
@@ -289,7 +316,9 @@ class VanishingInterval(Border):
     def neighbour(self, x: Array, p: Array) -> tuple[Problem, Array] | None:
         s, i = self.problem.at(x, p), self.part
         j = (i + 1) % s.events
-        if s.itinerary[i].element != s.itinerary[j].element or self._kicks(s, [i, j]):
+        if s.itinerary[i].element != s.itinerary[j].element:
+            return reversed_order(self.problem, x, p, i)
+        if self._kicks(s, [i, j]):
             return None
         whole = self._at_once(s)
         if s.itinerary[i].mode == s.following[j].mode:

@@ -22,6 +22,7 @@ from dynkit.systems.impact.orbits.itineraries.happening import Happening
 from dynkit.systems.impact.orbits.itineraries.itinerary import counts_of, returns_of
 from dynkit.systems.impact.orbits.itineraries.motion import ItinerarySolution
 from dynkit.systems.impact.orbits.itineraries.openness import flights_are_open
+from dynkit.systems.impact.orbits.itineraries.parting import parted
 from dynkit.systems.impact.orbits.itineraries.responses import ResponseSolution
 from dynkit.systems.impact.orbits.itineraries.shooting import ShootingSolution
 from dynkit.systems.impact.orbits.orbit import NONE, ImpactOrbit, observables_of
@@ -179,6 +180,9 @@ class ItineraryEquations(ImpactProblem):
                 return self._shorter(k, periods), self._part(x, k)
         return self, x
 
+    def departing(self, x: Array, way: float) -> tuple[Self, Array]:
+        return (self, x) if self.responds else parted(self, x, way)
+
     def repeats(self, x: Array, within: float) -> bool:
         """Whether it is an orbit of a part of its period, run through several times."""
         return any(abs(changes).max() < within for _, _, changes in self._repetitions(x))
@@ -317,7 +321,7 @@ class ItineraryEquations(ImpactProblem):
         solution = self.at(x, p)
         if self._watched is None or self._watched[0] is not solution:
             both = [(border, border.value(solution)) for border in self.borders(solution)]
-            found = [Event(border.kind, border.part, value, border.ends) for border, value in both]
+            found = [Event(b.kind, b.part, value, b.ends, b.power) for b, value in both]
             self._watched = solution, found
         return list(self._watched[1])
 

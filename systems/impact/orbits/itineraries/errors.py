@@ -55,6 +55,8 @@ def _sections(s: ShootingSolution, fine: Any, some: Sequence[int]) -> Array:
         if i in s.course.nodes:
             change[:d] = unit[first + d * node :][:d]
             node += 1
+        change[d:] = 0.0
+        change[d:, i] = s.turns(i)
         pushed = change
         if i in s.impulse_of:
             pushed = pushed + np.outer(s.kicks[i], unit[n + s.impulse_of[i]])
@@ -62,7 +64,6 @@ def _sections(s: ShootingSolution, fine: Any, some: Sequence[int]) -> Array:
         change = s.transitions[i] @ after[i]
         for k, part in s.lasts(i, 1.0):
             change[:, k] += part * s.moving[i]
-        change[d:] = 0.0
     if not some:
         return np.concatenate([unit[:n], *_passed(s, after)])
     return np.concatenate([unit[:n], unit[n:first], *(after[i][:d] for i in some)])

@@ -312,9 +312,8 @@ class ShootingSolution(ItinerarySolution):
                 node = self._node_of[i]
                 change[:] = 0.0
                 change[:d, self._own(node)] = np.eye(d)
-            change[d:], free = 0.0, self._phase_is_free(i)
-            if free:
-                change[d : d + 2, i] = self._turning[i, 1], -self._turning[i, 0]
+            change[d:] = 0.0
+            change[d:, i] = self.turns(i)
             if event.element < 0:
                 out[i, i] = 1.0
             elif self.pairs[i] is None:
@@ -342,6 +341,11 @@ class ShootingSolution(ItinerarySolution):
         """Which unknowns are the state at a node; which equations tell the next one."""
         begin = self.events + len(self.hits) + self.dimension * node
         return slice(begin, begin + self.dimension)
+
+    def turns(self, i: int) -> Array:
+        """Change (3,) of sine, cosine and one by the unknown phase of event `i`, if it is one."""
+        sine, cosine, _ = self._turning[i]
+        return float(self._phase_is_free(i)) * np.array([cosine, -sine, 0.0])
 
     def _phase_is_free(self, i: int) -> bool:
         return self.driven or i > 0

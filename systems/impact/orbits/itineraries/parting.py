@@ -1,0 +1,153 @@
+"""Events that happen at once: what a parameter parts, and the order in which they then happen."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+
+from dynkit.core.validation import Array
+from dynkit.systems.impact.elements.element import JUMP
+from dynkit.systems.impact.orbits.itineraries.happening import Happening
+from dynkit.systems.impact.orbits.itineraries.itinerary import regimes_of
+from dynkit.systems.impact.orbits.itineraries.motion import SAME
+from dynkit.systems.impact.orbits.machine import Regimes
+
+_PARTS = 1e-6
+"""Of a tangent of length one: phases that move apart by less stay together."""
+
+
+def at_once(system: Any, event: Happening, after: Regimes) -> list[Happening]:
+    """An event of a slider, and those of the other sliders that yield or halt with it, in turn."""
+    k, now, found = event.element, event.mode, [event]
+    if event.kicked or k not in system._automaton.sliders:
+        return found
+    changed = {j for j in system._automaton.sliders if now.numbers[j] != after.numbers[j]}
+    done = [k]
+    for j in sorted(changed - {k}):
+        watches = enumerate(system._elements[j].regimes[now.numbers[j]].guards)
+        own = [g for g, w in watches if w.to == after.numbers[j] and w.event != JUMP]
+        if own:
+            found.append(Happening(_moved(system, now, after, done), j, own[0]))
+            done.append(j)
+    return found
+
+
+def _moved(system: Any, mode: Regimes, after: Regimes, done: Sequence[int]) -> Regimes:
+    """A mode after those events of a later one that some elements have had."""
+    numbers = list(mode.numbers)
+    for j in done:
+        numbers[j] = after.numbers[j]
+    return regimes_of(system, numbers)
+
+
+def parted(problem: Any, x: Array, way: float) -> tuple[Any, Array]:
+    """Equations and unknowns in which events that a parameter parts have the order beyond.
+
+    Parameters
+    ----------
+    problem : ItineraryEquations
+        With one free parameter.
+    x : (m,)
+        A solution.
+    way : float
+        Positive where the order is that for larger values of the parameter, else negative.
+    """
+    s, system = problem.at(x, problem.values), problem.oscillator
+    pairs = zip(problem.itinerary, s.following, strict=True)
+    groups = [at_once(system, event, after.mode) for event, after in pairs]
+    if all(len(group) == 1 for group in groups):
+        return problem, x
+    stations = problem._stations(s)
+
+    def of(orders: list[list[list[Happening]]]) -> tuple[Any, Array]:
+        """The equations where the events of each group happen in parts, in turn."""
+        found = []
+        for station, order, after in zip(stations, orders, s.following, strict=True):
+            first = station.event
+            done: list[int] = []
+            for part in order:
+                mode = _moved(system, first.mode, after.mode, done) if done else first.mode
+                event = part[0]._replace(mode=mode)
+                node = station.node and not done
+                found.append(station._replace(event=event, node=node))
+                done += [event.element for event in part]
+        there: tuple[Any, Array] = problem._of(x, found)
+        return there
+
+    whole, y = of([[[event] for event in group] for group in groups])
+    speeds = iter(_speeds(whole, y, way))
+    return of([_in_parts(group, [next(speeds) for _ in group]) for group in groups])
+
+
+def _speeds(problem: Any, x: Array, way: float) -> list[float]:
+    """Changes (n,) of the phases of events along the tangent of a branch, of length one."""
+    p, scale = problem.values, problem.scale(x)
+    matrix = problem.linearization(x, p) * scale
+    by = problem.parameter_derivative(x, p) * np.maximum(abs(p), 1.0)
+    tangent = np.linalg.svd(np.hstack([matrix, by]))[2][-1]
+    tangent *= way * (np.sign(tangent[-1]) or 1.0)
+    speeds = (tangent[:-1] * scale)[: problem.layout.events]
+    if not problem.driven:
+        speeds[0] = 0.0
+    return list(speeds.tolist())
+
+
+def _in_parts(group: list[Happening], speeds: list[float]) -> list[list[Happening]]:
+    """The events of a group in the order of their phases, those that stay together in one part."""
+    parts: list[list[Happening]] = []
+    last = -np.inf
+    for speed, event in sorted(zip(speeds, group, strict=True), key=lambda own: own[0]):
+        if speed - last > _PARTS:
+            parts.append([])
+        parts[-1].append(event)
+        last = speed
+    return parts
+
+
+def reversed_order(problem: Any, x: Array, p: Array, i: int) -> tuple[Any, Array] | None:
+    """The same motion where all events that happen at once happen in the reverse order.
+
+    At a parameter of a symmetric machine several pairs may do so. None where one of event `i` and
+    the next is an impact, or ends a contact that begins with impacts.
+    """
+    s = problem.at(x, p)
+    stations, found = problem._stations(s), False
+    for run in _runs(s):
+        order = _reversed(problem, s, run)
+        for n, event in zip(run, order, strict=False):
+            stations[n] = stations[n]._replace(event=event)
+        found = found or (i in run[:-1] and bool(order))
+    return problem._of(x, stations) if found else None
+
+
+def _runs(s: Any) -> list[list[int]]:
+    """Numbers of events that happen at once, each run in turn."""
+    n, near = s.events, abs(s.durations) <= SAME * s.period
+    first = next((k + 1 for k in range(n) if not near[k]), 0)
+    runs: list[list[int]] = []
+    for k in range(first, first + n):
+        if k == first or not near[(k - 1) % n]:
+            runs.append([])
+        runs[-1].append(k % n)
+    return [run for run in runs if len(run) > 1]
+
+
+def _reversed(problem: Any, s: Any, run: list[int]) -> list[Happening]:
+    """The events of a run in the reverse order; empty where there is none."""
+    events, mode = [s.itinerary[k] for k in run], s.itinerary[run[0]].mode
+    own = [event.element for event in events]
+    regimes = zip(events, own, strict=True)
+    apart = len(set(own)) == len(own) and min(own) >= 0
+    same = all(e.mode.numbers[k] == mode.numbers[k] for e, k in regimes)
+    kicks = any(event.kicked for event in events)
+    if kicks or not (apart and same) or (problem.sticks and set(run) & set(problem.nodes)):
+        return []
+    found, numbers = [], list(mode.numbers)
+    for k, event in zip(reversed(run), reversed(events), strict=True):
+        found.append(event._replace(mode=regimes_of(problem.oscillator, numbers)))
+        changes = zip(event.mode.numbers, s.following[k].mode.numbers, strict=True)
+        for n, (before, after) in enumerate(changes):
+            numbers[n] = after if after != before else numbers[n]
+    return found

@@ -1,0 +1,149 @@
+"""Derivatives of the impact map by any parameter, through all modes on the way."""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from dynkit.core.differences import STEP
+from dynkit.core.no_motion import NoCrossing, NoDerivative, Refused, replaced
+from dynkit.core.validation import Array
+from dynkit.orbits.newton import NoSolution
+from dynkit.systems.impact.elements.element import HALT, EventKind
+from dynkit.systems.impact.elements.laws import ImpactLaw
+from dynkit.systems.impact.orbits.exponentials import moved
+from dynkit.systems.impact.orbits.itineraries.flying import number_of
+from dynkit.systems.impact.orbits.itineraries.itinerary import regimes_of
+from dynkit.systems.impact.orbits.machine import Changes, Machine, Regimes
+from dynkit.systems.impact.simulation.runs import trajectory_of
+
+if TYPE_CHECKING:
+    from dynkit.systems.impact.impact_map import ImpactMap
+    from dynkit.systems.impact.simulation.state import ImpactState
+    from dynkit.systems.impact.simulation.trajectory import Trajectory
+
+
+def change_by(oscillator: ImpactMap, name: str) -> Array | None:
+    """Derivative of the numbers of a machine by a parameter: see `numbers_of`.
+
+    None where an element does something else beside the parameter's value.
+    """
+
+    def system(p: Array) -> Any:
+        try:
+            return replaced(oscillator, **{name: float(p[0])})
+        except Refused as refusal:
+            raise NoSolution(str(refusal)) from refusal
+
+    try:
+        found = Changes(system).by(np.array([oscillator.value_of(name)], dtype=float), 0)
+    except NoSolution:
+        return None
+    return None if found is None else found[0]
+
+
+def map_derivative_by(oscillator: ImpactMap, state: ImpactState, change: Array) -> Array | None:
+    """Derivative (d,) of the impact map in section coordinates by a change of all numbers.
+
+    The state, with the imaginary part of its change, passes the modes on the way. Each guard says
+    how much later its event is. None through the end of a chatter, where friction leans on a stop,
+    where something sticks from the begin on, and for energies that are not quadratic.
+
+    Raises
+    ------
+    NoCrossing
+        When there is no next impact.
+    NoDerivative
+        When the outcome of the next impact is a choice of law.
+    """
+    system, parts = oscillator, oscillator._automaton.parts
+    turns = not system._strobed or system._excitation.turns
+    if system._motion is not None or parts.normal or system._curves or not turns:
+        return None
+    run = trajectory_of(system, state, 1, store=True)
+    if run.impacts < 1:
+        raise NoCrossing(f"there is no next impact: {run.ending.value}")
+    if run.ambiguous >= 0:
+        raise NoDerivative("the outcome of the next impact is a choice of law")
+    if not _followed(oscillator, run):
+        return None
+    m = Machine(system, change)
+    z, began, late = _begun(m, system, state), 0.0, 0.0
+    hit, last = not system._strobed, len(run.switches.guard)
+    times = np.append(run.switches.time, run.time).tolist()
+    for k, number in enumerate(np.append(run.switches.guard, run.log.guard).tolist()):
+        mode, guard = _regimes(system, run, number, 0), system._automaton.guards[number]
+        if times[k] > began:
+            flow = m.flow(mode)
+            (flown,) = moved(flow[None], np.array([times[k] - began]), np.ones(len(z)))
+            z, began = flown @ z, times[k]
+            if k == last and not hit:  # a period ends when it does
+                later = -late - began * m.frequency.imag / STEP / m.frequency.real
+            else:
+                row = _row(m, system, mode, guard)
+                if hit and guard.watch.force and began == times[-1]:  # by the impact that follows
+                    row = m.gap(run.final.element)
+                rate = float(row.real @ flow.real @ z.real)
+                later = -float((row @ z).imag) / STEP / rate
+            z, late = z + 1j * STEP * later * (flow.real @ z.real), late + later
+        if k < last:
+            z = m.caught(mode, _regimes(system, run, number, 2)) @ z
+    return _section(m, system, run, mode, z)
+
+
+def _regimes(system: Any, run: Trajectory, guard: int, column: int) -> Regimes:
+    """The mode that a guard ends (column 0) or begins (column 2)."""
+    return regimes_of(system, run.regimes[run.guards[guard, column]])
+
+
+def _followed(system: Any, run: Trajectory) -> bool:
+    """Whether all that happens on the way is an event of a mode, after which motions are smooth."""
+    kinds, speeds = run.guards[run.switches.guard, 3], run.switches.speed
+    guards = [system._automaton.guards[k] for k in run.switches.guard.tolist()]
+    halts = [
+        g.watch.event == HALT and t == 0.0 for g, t in zip(guards, run.switches.time, strict=True)
+    ]
+    chatters = (kinds == EventKind.CONTACT) & (speeds > 0.0)
+    soft = [system._automaton.parts.now(own)[len(system._stops) :] for own in run.regimes]
+    holds = [regime.holds for own in soft for regime in own]
+    return not (any(halts) or chatters.any() or any(holds))
+
+
+def _row(m: Machine, system: Any, mode: Regimes, guard: Any) -> Any:
+    """Row (D,) of what is zero at the end of a mode."""
+    guards = system._automaton.parts.now(mode.numbers)[guard.element].guards
+    return m.watched(mode, guard.element, number_of(guards, guard.watch))
+
+
+def _begun(m: Machine, system: Any, state: ImpactState) -> Any:
+    """The state (D,) with its change at the same section coordinates."""
+    n, turn = m.size, state._turn
+    z = np.concatenate([state.position, state.velocity, state.sliders, turn, [1.0]]) + 0j
+    if not system._strobed:
+        stop = state.element
+        (own,) = set(range(n)) - set(system._others[stop].tolist())
+        for place, row in ((own, m.gap(stop)), (n + own, m.rate(stop))):
+            z[place] -= 1j * (row @ z).imag / row[place].real
+    return z
+
+
+def _section(m: Machine, system: Any, run: Trajectory, mode: Regimes, z: Any) -> Array:
+    """Change (d,) of the section coordinates by that of the state just before the section."""
+    n, sliders = m.size, len(m.sliders)
+    if system._strobed:
+        return np.asarray(z[: 2 * n + sliders].imag / STEP)
+    stop = run.final.element
+    law, rate, piece = system._stops[stop].restitution, m.rate(stop) @ z, 0
+    if isinstance(law, ImpactLaw):
+        piece = law.piece(-float(rate.real))
+    r, _ = m.rebound(stop, piece, rate)
+    z = z - (1.0 + r) * rate * m.kick(mode, stop)
+    others, far = system._others[stop], stop == 1 and system._faces
+    sine, cosine = z[-3:-1]
+    turned = cosine.real * sine.imag - sine.real * cosine.imag
+    turned /= math.hypot(sine.real, cosine.real) ** 2
+    speed = (r * rate if far else -r * rate).imag
+    parts = [z[others].imag, z[n + others].imag, z[2 * n : 2 * n + sliders].imag, [speed, turned]]
+    return np.concatenate(parts) / STEP
