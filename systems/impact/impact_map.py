@@ -120,7 +120,7 @@ class ImpactMap(DrivenStructure, Map):
         if of_law:
             found["restitution"] = repr(self.restitution)
         smooth = {} if self._motion is None else {"energies": self._motion.text}
-        smooth |= {self._stops[k].coordinate: f.text for k, f in self._curves.items()}
+        smooth |= {self._elements[k].coordinate: f.text for k, f in self._curves.items()}
         return found | of_law | smooth | {"elements": tuple(map(repr, self.elements))}
 
     @property
@@ -256,7 +256,7 @@ class ImpactMap(DrivenStructure, Map):
         size : float
             Relative size of the displacement.
         """
-        states, others = abs(motion.states), self.degrees_of_freedom - (not self._curves)
+        states, others = abs(motion.states), self.degrees_of_freedom - (not self._bent)
         scale = np.ones(self.dimension)
         if self._strobed:
             others = len(self._crossed.kept[0])
@@ -316,21 +316,17 @@ class ImpactMap(DrivenStructure, Map):
     def jacobian(self, state: Array) -> Array:
         return impact_derivative(self, self.impact_state(state))
 
-    @property
-    def _framed(self) -> bool:
-        return bool(self._curves)
-
     def _frame(self, state: Array) -> Array:
-        return tangent(self, self.impact_state(state)) if self._curves else super()._frame(state)
+        return tangent(self, self.impact_state(state)) if self._framed else super()._frame(state)
 
     def orbit_factors(self, state: Array, following: Array) -> tuple[Array, Array]:
         """Return the `jacobian_factors`, (1, d, d), and the error of their entries, (1,).
 
-        Where a stop acts along a function of the coordinates they are (1, d - 2, d - 2), those of
-        disturbances that stay on the stop.
+        Where the section lies along a function of the coordinates they are those of disturbances
+        that stay on it: (1, d - 2, d - 2) on a stop, and (1, d - 1, d - 1) where nothing drives.
         """
         factors, errors = self.jacobian_factors(state)
-        if not self._curves:
+        if not self._framed:
             return factors, errors
         return self._frame(following).T @ factors @ self._frame(state), errors
 

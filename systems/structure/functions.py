@@ -1,4 +1,4 @@
-"""Smooth functions of a structure's coordinates, along which stops act."""
+"""Smooth functions of a structure's coordinates, along which elements act."""
 
 from __future__ import annotations
 
@@ -40,7 +40,7 @@ class Form:
         """Code that fills (1 + N + N^2,) with the values."""
         from dynkit.systems.symbolic.machine_code import compiled
 
-        return compiled("the coordinate of a stop", self.values, self.x, self.numbers)
+        return compiled("the coordinate of an element", self.values, self.x, self.numbers)
 
     @cached_property
     def changes(self) -> Any:
@@ -49,7 +49,7 @@ class Form:
 
         some = self.values[: 1 + len(self.x)]
         by = [value.diff(number) for value in some for number in self.numbers]
-        return compiled("the coordinate of a stop", by, self.x, self.numbers)
+        return compiled("the coordinate of an element", by, self.x, self.numbers)
 
 
 @final

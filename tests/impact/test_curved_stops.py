@@ -18,7 +18,6 @@ from dynkit.analysis import LyapunovSpectrum
 from dynkit.core.no_motion import Refused
 from dynkit.core.validation import Array
 from dynkit.systems import (
-    DryFriction,
     HardStop,
     ImpactChain,
     ImpactOscillator,
@@ -339,18 +338,6 @@ class Wrong(Bob):
 def test_functions_that_cannot_be_followed_are_named(name: str, message: str) -> None:
     with pytest.raises(ValueError, match=message):
         _ = Wrong(frequency=1.0, elements=[HardStop(name)]).engine
-
-
-@pytest.mark.parametrize(
-    "elements",
-    [
-        [SoftStop("height", stiffness=3.0)],
-        [DryFriction("height", force=0.1)],
-    ],
-)
-def test_elements_beside_it_that_are_not_known_are_named(elements: Any) -> None:
-    with pytest.raises(NotImplementedError, match="must be a hard stop; got"):
-        Bob(frequency=1.0, elements=elements)
 
 
 def test_a_start_beyond_the_stop_is_refused() -> None:

@@ -12,7 +12,7 @@ import numpy as np
 from flint import arb, ctx
 
 from dynkit.core.validation import Array
-from dynkit.systems.impact.simulation.automaton import cycled_by
+from dynkit.systems.impact.simulation.joined_modes import cycled_by
 from dynkit.systems.impact.simulation.state import SHEET
 from tests.reference.machine_parts import Cushion, Joint, Rub, Table
 from tests.reference.machines import BITS, Event, Machine

@@ -147,9 +147,9 @@ class Element(ABC):
     Parameters
     ----------
     coordinate : int or (int, int) or (N,) sequence of float or str
-        Defines y: an index j for x_j, a pair (i, j) for x_j - x_i, or the row J. For a `HardStop`
-        also the name of a method of the oscillator, which takes the coordinates, as ``potential``
-        does, and returns y as an expression.
+        Defines y: an index j for x_j, a pair (i, j) for x_j - x_i, or the row J. Also the name of a
+        method of the oscillator, which takes the coordinates, as ``potential`` does, and returns y
+        as a smooth expression: then J is its gradient. Not for `Jenkins`.
     offset : float
         Middle of the element's motion.
     amplitude : float
@@ -207,6 +207,12 @@ class Element(ABC):
     def drift(self) -> float:
         """Constant velocity, added to the harmonic motion."""
         return 0.0
+
+    @final
+    @property
+    def moves(self) -> bool:
+        """Whether it moves, by its harmonic motion or its drift."""
+        return bool(self.phasor or self.drift)
 
     @final
     def swing(self, sine: Any, cosine: Any) -> Any:

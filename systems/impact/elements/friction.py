@@ -34,7 +34,8 @@ class DryFriction(Element):
     Parameters
     ----------
     coordinate, amplitude, phase, name
-        As for every `Element`: the motion of the surface.
+        As for every `Element`: the motion of the surface. Along a function of the coordinates only
+        with a force; on the coordinates it acts times the function's gradient.
     force : float
         Kinetic friction force, not negative. Either this or `coefficient` is given.
     static : float, optional

@@ -66,7 +66,8 @@ class SoftStop(Element):
     Parameters
     ----------
     coordinate, offset, amplitude, phase, side, name
-        As for every `Element`.
+        As for every `Element`. Along a function of the coordinates, the force on these is that of
+        the stop times the function's gradient.
     stiffness, damping : float
         k and c, not negative.
     preload : float

@@ -172,6 +172,14 @@ def along_stops(friction: Element) -> NotImplementedError:
     )
 
 
+def along_others(friction: Element) -> NotImplementedError:
+    """The refusal of friction along what other friction, or a stop besides it, holds."""
+    return NotImplementedError(
+        "friction must not act along what other friction holds, which leaves its force open; "
+        f"got {friction!r}"
+    )
+
+
 def check_unique(inertia: Array, rows: Array, push: Array, friction: Element) -> None:
     """Whether contact forces follow from accelerations: `inertia` (h, N) is rows over masses.
 

@@ -64,9 +64,13 @@ class CurvedContact:
         positions, velocities = x.reshape(-1, n), v.reshape(-1, n)
         for k, (at, moving) in enumerate(zip(positions, velocities, strict=True)):
             self.put(at, float(places[k]))
-            row = self.function.gradient(at)
-            moving += row * ((speeds[k] - row @ moving) / (row @ row))
+            self.push(at, moving, float(speeds[k]))
         x[...], v[...] = positions.reshape(x.shape), velocities.reshape(v.shape)
+
+    def push(self, x: Array, v: Array, speed: float) -> None:
+        """Give y a rate, at positions and velocities (N,); the latter change in place."""
+        row = self.function.gradient(x)
+        v += row * ((speed - row @ v) / (row @ row))
 
     def put(self, x: Array, place: float) -> None:
         """Give y a value at positions (N,), which move along its gradient there, in place.

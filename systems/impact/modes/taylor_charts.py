@@ -157,7 +157,7 @@ class Charts:
             (np.column_stack([follows, joints]), True),
             *((part, False) for part in back),
         ]
-        held = any(k in scene.curves for k in self._held)
+        held = any(k in scene.curves for k in (*self._held, *self._sticking))
         if scene.motion.equations.constant_mass and not held:
             zero = np.zeros(n)
             mass, _ = scene.motion.inertia(scene.excitation.frequency, zero, zero, 0.0)

@@ -94,7 +94,7 @@ class Plan:
     @property
     def eliminates(self) -> bool:
         """Whether what holds is eliminated in expressions, as rows or masses are not constant."""
-        held = any(k in self.held for k, _ in self.curves)
+        held = any(k in (*self.held, *self.sticking) for k, _ in self.curves)
         return held or not self.equations.constant_mass
 
 
@@ -186,20 +186,21 @@ class _Builder:
         self.gaps = {k: hy.expression(f"g{k}") for k in curves}
         self.slips = {k: hy.expression(f"u{k}") for k in (*sliders, *curves)}
         self._bends: dict[int, Any] = {}
+        self._along: dict[int, Any] = {}
         self._curve()
 
     def _curve(self) -> None:
-        """Rows along functions, and what velocities add to the accelerations along them."""
+        """Functions, their rows, and what velocities add to the accelerations along them."""
         from dynkit.systems.symbolic.taylor import series
 
         n = self._n
         for (k, form), numbers in zip(self._plan.curves, self._of_curves, strict=True):
             symbols = dict(zip(form.x, self.x, strict=True))
             symbols |= dict(zip(form.numbers, numbers, strict=True))
-            found = series("the coordinate of a stop", form.values[1:], symbols)
+            found = series("the coordinate of an element", form.values, symbols)
             pairs = ((i, j) for i in range(n) for j in range(n))
-            terms = ((found[n + n * i + j], self.v[i] * self.v[j]) for i, j in pairs)
-            self._rows[k] = found[:n]
+            terms = ((found[1 + n + n * i + j], self.v[i] * self.v[j]) for i, j in pairs)
+            self._along[k], self._rows[k] = found[0], found[1 : 1 + n]
             self._bends[k] = _total((a, b) for a, b in terms if not _nil(a))
 
     def swing(self, k: int, order: int) -> Any:
@@ -214,7 +215,8 @@ class _Builder:
         """Gap of an element."""
         if k in self._places or k in self.gaps:
             return self.gaps[k] if k in self.gaps else self.zx[self._places[k]]
-        along = _total(zip(self._rows[k], self.x, strict=True))
+        along = self._along.get(k)
+        along = _total(zip(self._rows[k], self.x, strict=True)) if along is None else along
         return self._own[k, 0] * (along - self._own[k, 3] - self.swing(k, 0))
 
     def stretch(self, k: int) -> Any:

@@ -12,7 +12,13 @@ from dynkit.core.differences import STEP
 from dynkit.core.validation import Array
 from dynkit.systems.impact.elements.element import Element, Regime, Watch
 from dynkit.systems.impact.elements.stops import HardStop
-from dynkit.systems.impact.modes.constrained import along_stops, check_unique, depends, pushes
+from dynkit.systems.impact.modes.constrained import (
+    along_others,
+    along_stops,
+    check_unique,
+    depends,
+    pushes,
+)
 from dynkit.systems.impact.modes.steady_response import Layout
 from dynkit.systems.impact.modes.taylor_chart import Chart
 from dynkit.systems.impact.modes.taylor_charts import Charts
@@ -168,11 +174,12 @@ class TaylorMode:
                 gap = self.stretch(k, state) if k in scene.sliders else gap
                 found[k] = regime.push - regime.stiffness * gap - regime.damping * rate
         signs = np.array([element.sign for element in scene.elements])
-        total = given + (signs * found) @ scene.rows if len(found) else given
+        rows = scene.rows_at(x)
+        total = given + (signs * found) @ rows if len(found) else given
         a: Array = np.asarray(np.linalg.solve(mass, total), dtype=float)
         both = [*self.held, *self.sticking]
         if both:
-            rows = scene.rows_at(x)[both]
+            rows = rows[both]
             response = np.linalg.solve(mass, self._pushes(rows))
             swings = np.array([scene.prescribed(k, sine, cosine)[2] for k in both])
             moved = swings - scene.bends(x, v)[both]
@@ -189,6 +196,12 @@ class TaylorMode:
         slips = [(both.index(stop), self.scene.rows[k], t) for k, stop, t in self.slips]
         return pushes(rows, slips)
 
+    @property
+    def _rubs(self) -> set[int]:
+        """Friction that sticks, or that may halt."""
+        leans = {k for k, stop in self.scene.normal.items() if stop in self.held}
+        return {*self.sticking, *(k for k, watch in self.guards if watch.halts), *leans}
+
     def check(self, state: Array) -> None:
         """Whether contact forces are unique at a state (2, N + J + 1).
 
@@ -197,15 +210,17 @@ class TaylorMode:
         ContactParadox
             When friction leaves them open.
         NotImplementedError
-            When friction with a coefficient acts along what stops hold, of which one is curved.
+            When friction acts along what others hold, of which one acts along a function.
         """
-        if not (self.slips or (self.scene.curves and self.scene.normal)):
+        if not (self.slips or self.scene.curves):
             return
         ((x, _, phase),) = self._given(state[None])
         mass, rows = self.scene.inertia(x, phase)
-        for k, stop in self.scene.normal.items() if self.scene.curves else ():
-            if stop in self.held and depends(mass, rows[[*self.held, k]]):
-                raise along_stops(self.scene.elements[k])
+        for k in self._rubs if self.scene.curves else ():
+            others = [j for j in (*self.held, *self.sticking) if j != k]
+            if others and depends(mass, rows[[*others, k]]):
+                refusal = along_stops if k in self.scene.normal else along_others
+                raise refusal(self.scene.elements[k])
         if self.slips:
             rows = rows[[*self.held, *self.sticking]]
             inertia: Array = np.asarray(np.linalg.solve(mass, rows.T).T, dtype=float)
@@ -261,6 +276,30 @@ class TaylorMode:
                 abs(given).sum() + abs(pushes).sum()
             )
         return float(value), ROUNDING * size
+
+    def rate_row(self, k: int, state: Array) -> Array:
+        """Derivative (2 N + J + 1,) of the rate of an element's gap by a disturbance."""
+        scene, element, (x, v) = self.scene, self.scene.elements[k], self.motion(state)
+        sine, cosine = state[:, -1].tolist()
+        turned = element.swing_rate(scene.excitation.frequency, cosine, -sine)
+        bend = scene.curves[k].bend(x, v) if k in scene.curves else np.zeros(len(x))
+        still = np.zeros(len(scene.sliders))
+        parts = bend, scene.rows_at(x)[k], still, [-turned]
+        return np.asarray(element.sign * np.concatenate(parts))
+
+    def gradient(self, number: int, state: Array) -> Array:
+        """Derivative (2 N + J + 1,) of a guard by a disturbance."""
+        k, watch = self.guards[number]
+        if watch.force:
+            return np.asarray(self.gradients(state, rates=False)[number])
+        scene, element, n = self.scene, self.scene.elements[k], self.bodies
+        turned = element.swing(state[1, -1], -state[0, -1])
+        row = watch.rate * self.rate_row(k, state)
+        row[:n] += element.sign * (watch.gap + watch.stretch) * scene.rows_at(state[0, :n])[k]
+        row[-1] -= element.sign * watch.gap * turned
+        if watch.stretch:
+            row[2 * n + scene.sliders.index(k)] -= element.sign * watch.stretch
+        return np.asarray(row)
 
     # --- impulses ---------------------------------------------------------------------------------
 
@@ -348,11 +387,15 @@ class TaylorMode:
             out[here] = self.path(starts[i], float(durations[here].max())).states(durations[here])
         return out
 
-    def gap_series(self, k: int, state: Array) -> Array:
-        """Taylor coefficients (order + 1,) of the gap of a hard stop at a state."""
+    def series(self, k: int, state: Array) -> Array:
+        """Taylor coefficients (2, order + 1) of a gap and its rate at a state.
+
+        Of a hard stop, or along a function of the coordinates.
+        """
         chart, turn = self.chart(k, state), state[:, -1].tolist()
         z = chart.coordinates(*state[:, :-1], *turn)
-        return np.asarray(chart.coefficients(z, *turn)[chart.places[k]])
+        found = chart.coefficients(z, *turn)
+        return np.asarray(found[[chart.places[k], len(z) // 2 + chart.speeds[k]]])
 
     def path(self, start: Array, longest: float) -> Path:
         """The motion from a start (2, N + J + 1) over a duration."""

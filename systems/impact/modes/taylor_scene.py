@@ -52,9 +52,9 @@ class Scene:
 
     @cached_property
     def rubs(self) -> tuple[int, ...]:
-        """Numbers of the elements that stick."""
+        """Numbers of the elements along rows that stick."""
         sticks = [any(regime.sticks for regime in element.regimes) for element in self.elements]
-        return tuple(k for k, rubs in enumerate(sticks) if rubs)
+        return tuple(k for k, rubs in enumerate(sticks) if rubs and k not in self.curves)
 
     @cached_property
     def dragged(self) -> tuple[int, ...]:

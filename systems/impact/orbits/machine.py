@@ -370,8 +370,7 @@ class Machine:
     @_kept
     def watched(self, mode: Regimes, element: int, guard: int) -> Any:
         """Row of what the element watches there: guard number `guard` of its regime."""
-        own = self._regime(mode.numbers[element], element)[_OF_REGIME + _OF_GUARD * guard :]
-        gap, rate, force, stretch, level, normal = own[:_OF_GUARD]
+        gap, rate, force, stretch, level, normal = self.weights(mode, element, guard)
         row = gap * self.gap(element) + rate * self.rate(element)
         if element in self.sliders:
             row = row + stretch * self.stretch(element)
@@ -384,6 +383,11 @@ class Machine:
                 row = row + normal * self.force(mode, self.normal[element])
         row[-1] += level
         return row
+
+    def weights(self, mode: Regimes, element: int, guard: int) -> Any:
+        """Numbers of what the element watches there: guard number `guard` of its regime."""
+        own = self._regime(mode.numbers[element], element)[_OF_REGIME + _OF_GUARD * guard :]
+        return own[:_OF_GUARD]
 
     def force(self, mode: Regimes, element: int) -> Any:
         """Row of the force by which an element holds, or sticks, towards its side."""

@@ -50,9 +50,8 @@ def draw(
     count = math.ceil(_SAMPLES * (end - begin) * system.frequency / (2.0 * math.pi)) + 1
     times = np.union1d(np.linspace(begin, end, count), impacts)
     first = system._elements[0] if along is None else along
-    row = first.row(system.degrees_of_freedom)
     number = next(k for k, element in enumerate(system._elements) if element == first)
-    function: Any = system._curves[number] if first.curved else lambda x: x @ row
+    function = system._functions[number]
     parts = np.array_split(times, 1 + len(times) * system.degrees_of_freedom // _NUMBERS)
     place = np.concatenate([function(sample(part)[0]) for part in parts])
     turn = phase + system.frequency * times

@@ -126,18 +126,14 @@ def gap_of(system: ImpactMap, mode: Any, number: int, states: Array) -> tuple[Ar
     """
     x, v = mode.motion(states)
     _, sine, cosine = mode.parts(states)
-    if number in system._curves:
-        own = system._elements[number].swing_rate(system.frequency, sine, cosine)
-        gap, rate = mode.gap(number, x, v, sine, cosine)
-        return gap, rate, system._elements[number].sign * own
     element, slider = system._elements[number], system._automaton.sliders.get(number)
-    row, sign = element.row(x.shape[1]), element.sign
+    function, sign = system._functions[number], element.sign
     own = element.swing_rate(system.frequency, sine, cosine) + element.drift
     place = element.offset + element.swing(sine, cosine)
     if slider is not None:
         place = mode.sliders(states)[:, slider - mode.bodies]
-    gap = x @ row - place
-    return sign * gap, sign * (v @ row - own), sign * (own + 0.0 * gap)
+    gap, rate = function(x) - place, (v * function.gradient(x)).sum(axis=1) - own
+    return sign * gap, sign * rate, sign * (own + 0.0 * gap)
 
 
 def applied(system: ImpactMap, mode: Any, states: Array) -> Array:
@@ -214,7 +210,7 @@ def jumps(system: ImpactMap, run: Trajectory) -> Jumps:
         held = [k for k in parts.grips(run.regimes[number])[0] if k != element]
         held += [k for k, stop in parts.normal.items() if stop == element]
         stops = [system._elements[k] for k in (element, *held)]
-        if system._curves:
+        if system._bent:
             signs = np.array([stop.sign for stop in stops])[:, None]
             for i in np.flatnonzero(here).tolist():
                 along = (

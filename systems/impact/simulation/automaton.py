@@ -2,13 +2,10 @@
 
 from __future__ import annotations
 
-from bisect import bisect_left
 from collections.abc import Sequence
 from copy import copy
-from dataclasses import dataclass, replace
-from itertools import takewhile
-from operator import attrgetter
-from threading import RLock
+from dataclasses import replace
+from functools import partial
 from typing import Any, NamedTuple, final
 
 import numpy as np
@@ -37,50 +34,12 @@ from dynkit.systems.impact.modes.constrained import (
 )
 from dynkit.systems.impact.modes.mode import Mode, transformed
 from dynkit.systems.impact.modes.structure import ROUNDING, Excitation, Structure
+from dynkit.systems.impact.simulation.joined_modes import Guard, JoinedModes, cycled_by
 from dynkit.systems.impact.simulation.regimes import Parts
 from dynkit.systems.impact.simulation.scraping import packed, scrapes_of, stopping
 
 MOST_NUMBERS = 1 << 25
 """Limit on the numbers in all changes of basis between modes: 256 MB."""
-
-
-@final
-@dataclass(eq=False)
-class Guard:
-    """A guard of a mode, and the event at its zero.
-
-    Attributes
-    ----------
-    mode, element : int
-        Numbers of its mode and of its element.
-    watch : Watch
-    sum : the exponential sum that is positive before the event
-    target, partner : int
-        Next mode (for an impact, the mode of contact), and the first guard of the same element
-        there; -1 if that mode has not been entered.
-    change : (2 slots, 2 slots + 1), of both modes, or None
-        Affine change of the state from one mode to the other.
-    opens : int
-        The closed stop that an impact opens, or the sticking element that it moves; -1 for none.
-    ambiguous : bool
-        Whether an impact pushes against a closed stop, or friction leaves its outcome open.
-    scrapes : tuple of Scrape, or of Rub
-        Friction at an impact.
-    rubbed : sequence of bool
-        Of Taylor's method, see `Parts.rubbed`.
-    """
-
-    mode: int
-    element: int
-    watch: Any
-    sum: Any
-    target: int = -1
-    partner: int = -1
-    change: Any = None
-    opens: int = -1
-    ambiguous: bool = False
-    scrapes: Any = ()
-    rubbed: Any = ()
 
 
 class Grip(NamedTuple):
@@ -98,18 +57,11 @@ class Grip(NamedTuple):
 
 
 @final
-class Automaton:
-    """The modes that motions of one oscillator have entered; in the first one all regimes are 0.
+class Automaton(JoinedModes):
+    """The modes of structures that are linear in each, as kernel tables.
 
     Attributes
     ----------
-    modes : list of Mode
-    regimes : list of tuple
-        Regimes of all elements in each mode.
-    parts : Parts
-        Rules for the regimes of elements.
-    guards : list of Guard
-        Guards in the order of their modes.
     sliders : dict
         Number of the slider's coordinate, by number of the element.
     table : (guards, 4)
@@ -153,13 +105,10 @@ class Automaton:
         self._stack, self._of_guards = Stack(), Stack()
         self._slots, self._joined, self._rows = 0, dict[int, int](), dict[int, int]()
         self._changes = dict[tuple[int, int], list[Array]]()
-        self._lock = RLock()
+        self._forget()
         self._tables: Any = None
         self._first: Any = None
         self.table: NDArray[np.intp] = np.empty((0, 4), dtype=np.intp)
-        self.modes: list[Mode] = []
-        self.regimes: list[tuple[int, ...]] = []
-        self.guards: list[Guard] = []
         self._grips: dict[int, Grip] = {}
 
     def turned(self, excitation: Excitation) -> Automaton:
@@ -189,19 +138,9 @@ class Automaton:
         out._first = first[0], out._tables
         return out
 
-    def mode(self, regimes: tuple[int, ...]) -> Mode:
-        """The mode of given regimes; it is built if no motion has entered it."""
-        return self.modes[self._number(regimes)]
-
     def gap(self, regimes: tuple[int, ...], element: int) -> Any:
         """The exponential sum of the first guard of an element in a mode."""
         return self.guards[self.guard(self._number(regimes), element)].sum
-
-    def guard(self, mode: int, element: int) -> int:
-        """Number of the first guard of an element in a mode, or else of the mode."""
-        first = bisect_left(self.guards, mode, key=attrgetter("mode"))
-        own = takewhile(lambda k: self.guards[k].mode == mode, range(first, len(self.guards)))
-        return next((k for k in own if self.guards[k].element == element), first)
 
     def held(self, element: int) -> Grip:
         """Contact with one element while all others are in their first regime."""
@@ -258,12 +197,6 @@ class Automaton:
 
     # --- building ---------------------------------------------------------------------------------
 
-    def _number(self, regimes: tuple[int, ...]) -> int:
-        with self._lock:
-            if regimes not in self.regimes:
-                self._build(regimes)
-            return self.regimes.index(regimes)
-
     def _after(self, guard: Guard) -> tuple[int, ...]:
         return self.parts.after(self.regimes[guard.mode], guard)
 
@@ -312,14 +245,8 @@ class Automaton:
                 sum_ = sum_of(mode, element, watch, self.sliders.get(k, -1))
             guard = Guard(number, k, watch, sum_)
             if watch.event == IMPACT:
-                guard.opens, guard.ambiguous = self.parts.pushed(regimes, k)
-                if riding[k] is not None:
-                    guard.scrapes, open_ = scrapes_of(
-                        self._structure, mode, given, self.parts, regimes, k
-                    )
-                    guard.ambiguous = guard.ambiguous or open_
-                elif guard.opens < 0:
-                    guard.watch = replace(watch, event=JAM)
+                own = self._structure, mode, given, self.parts, regimes, k
+                self._decide(guard, riding[k], partial(scrapes_of, *own))
             self.guards.append(guard)
 
     def _join(self, guard: Guard) -> None:
@@ -431,7 +358,9 @@ class Automaton:
                 restitution = element.restitution
             coupled = self._coupled(guard)
             rubbed = self.parts.rubbed(self.regimes[guard.mode], guard.element)
-            drop, hold = self.parts.turns(rubbed, mode.forced.spread(contact.response))
+            change = mode.forced.spread(contact.response)
+            changes = np.array([e.row(self._size) @ change for e in self._elements])
+            drop, hold = self.parts.turns(rubbed, changes)
         return {
             "event": watch.event,
             "order": watch.order,
@@ -452,14 +381,6 @@ class Automaton:
             "scrape": scrape,
         }
 
-    def marks(self, guard: Guard) -> bool:
-        """Whether the zero of this guard is the section of an undriven machine."""
-        if guard.element != self._cycled:
-            return False
-        if halts(self._elements[guard.element]):
-            return bool(guard.watch.event == HALT)
-        return not self.regimes[guard.mode][guard.element]
-
     def _coupled(self, guard: Guard) -> list[bool]:
         """For each element, whether an impact at a guard changes the rate of its gap."""
         size, out = self._structure.size, [False] * len(self._elements)
@@ -472,29 +393,6 @@ class Automaton:
                     moved = abs(row @ change) > ROUNDING * (abs(row) @ abs(change))
                     out[k] = out[k] or bool(moved)
         return out
-
-
-def cycled_by(elements: Sequence[Element]) -> int | None:
-    """Number of the element whose events are the section of a machine that nothing drives.
-
-    It is the first friction, where it comes to a halt, else the first soft stop, where its gap
-    closes; not one with a preload, at whose edge a motion may cross without end. None where there
-    is neither.
-    """
-    friction = (k for k, element in enumerate(elements) if halts(element))
-    others = (k for k, e in enumerate(elements) if not (e.slider or _pushes_at_once(e)))
-    return next(friction, next(others, None))
-
-
-def _pushes_at_once(element: Element) -> bool:
-    """Whether its force jumps where it is met."""
-    met = element.regimes[element.regimes[0].guards[0].to]
-    return bool(met.push)
-
-
-def halts(element: Element) -> bool:
-    """Whether it may come to a halt."""
-    return any(regime.halts for regime in element.regimes)
 
 
 def _torn(watch: Watch, hard: bool) -> int:

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from dynkit.core.validation import Array
 from dynkit.systems.impact.elements.element import Element
+from dynkit.systems.impact.modes.curves import CurvedContact
 from dynkit.systems.impact.modes.structure import Contact
 
 
@@ -18,11 +19,13 @@ from dynkit.systems.impact.modes.structure import Contact
 class Crossed:
     """A section of positions and velocities: all of them, or those that it does not fix.
 
+    All of them, too, where the element acts along a function of the coordinates.
+
     Attributes
     ----------
     element : Element
         Element whose events are the section of an undriven machine.
-    contact : Contact
+    contact : Contact or CurvedContact
         Contact of this element.
     halts : bool
         Whether the slip velocity is zero on the section; else the gap is.
@@ -33,7 +36,7 @@ class Crossed:
     """
 
     element: Element
-    contact: Contact
+    contact: Contact | CurvedContact
     halts: bool
     cycled: bool
     size: int
@@ -42,12 +45,32 @@ class Crossed:
     def kept(self) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
         """Numbers of the positions and of the velocities that are section coordinates."""
         everything = np.arange(self.size)
-        others = self.contact.others[: self.size - 1] if self.cycled else everything
+        fixed = self.cycled and not self.element.curved
+        others = self.contact.others[: self.size - 1] if fixed else everything
         return (everything, others) if self.halts else (others, everything)
 
-    def put(self, x: Array, v: Array, *, moving: bool = True) -> None:
-        """Put positions and velocities (..., N), or their changes, onto the section."""
-        if self.cycled and self.halts:
-            self.contact.put(v, self.element.drift * moving)
-        elif self.cycled:
-            self.contact.put(x, self.element.offset * moving)
+    def put(self, x: Array, v: Array) -> None:
+        """Put positions and velocities (N + J,) onto the section."""
+        if not self.cycled:
+            return
+        if isinstance(self.contact, Contact):
+            own = (v, self.element.drift) if self.halts else (x, self.element.offset)
+            self.contact.put(*own)
+        elif self.halts:
+            self.contact.push(x[: self.size], v[: self.size], self.element.drift)
+        else:
+            self.contact.put(x[: self.size], self.element.offset)
+
+    def put_changes(self, x: Array, v: Array, place: Array, moving: Array) -> None:
+        """Put changes (d, N) of positions and velocities onto the section, at some of these.
+
+        In place, as `put`; of sliders, too.
+        """
+        if not self.cycled:
+            return
+        if isinstance(self.contact, Contact):
+            self.contact.put(v if self.halts else x, 0.0)
+            return
+        own = x[:, : self.size], v[:, : self.size]
+        along = own[0] @ self.contact.function.gradient(place) * self.halts
+        own[self.halts][:] = self.contact.lifted(place, moving, (*own, along, 0.0))[self.halts]

@@ -32,8 +32,9 @@ from dynkit.systems.impact.modes.structure import (
     place_of,
     structure_of,
 )
-from dynkit.systems.impact.simulation.automaton import Automaton, cycled_by, halts
+from dynkit.systems.impact.simulation.automaton import Automaton
 from dynkit.systems.impact.simulation.crossed import Crossed
+from dynkit.systems.impact.simulation.joined_modes import cycled_by, halts
 from dynkit.systems.impact.simulation.rebounding import Rebounding
 from dynkit.systems.structure.energies import NotQuadraticError
 from dynkit.systems.structure.equations import (
@@ -117,10 +118,12 @@ class DrivenStructure(LagrangianStructure):
     def dimension(self) -> int:
         """Number of section coordinates: 2N, and one for each slider of a `Jenkins` element.
 
-        One less where the section is an event of an element, as nothing drives the machine. Two
-        more where the stop acts along a function of the coordinates: all of them are kept.
+        One less where the section is an event of an element along a row, as nothing drives the
+        machine. Two more where a hard stop acts along a function of the coordinates: all of them
+        are kept.
         """
-        more = 2 * bool(self._curves) + len(self._sliders) - self._cycled
+        fixed = self._cycled and not self._framed
+        more = 2 * self._bent + len(self._sliders) - fixed
         return 2 * self.degrees_of_freedom + more
 
     @property
@@ -184,6 +187,22 @@ class DrivenStructure(LagrangianStructure):
         return {k: function_of(self, name, n) for k, name in named}
 
     @cached_property
+    def _functions(self) -> tuple[CoordinateFunction | Along, ...]:
+        """The functions of coordinates along which all elements act: most are linear."""
+        n, own = self.degrees_of_freedom, self._curves
+        return tuple(own.get(k) or Along(e.row(n)) for k, e in enumerate(self._elements))
+
+    @cached_property
+    def _bent(self) -> bool:
+        """Whether a hard stop acts along a function; then sections keep all coordinates."""
+        return any(stop.curved for stop in self._stops)
+
+    @property
+    def _framed(self) -> bool:
+        """Whether sections keep coordinates that follow from others."""
+        return self._bent or (self._cycled and self._crossed.element.curved)
+
+    @cached_property
     def _structure(self) -> Structure:
         return structure_of(self).beside(len(self._sliders))
 
@@ -207,10 +226,9 @@ class DrivenStructure(LagrangianStructure):
     def _contacts(self) -> tuple[Any, ...]:
         """The contacts of all hard stops."""
         n, structure = self._size, self._structure
-        if self._curves:
-            size = self.degrees_of_freedom
-            own = (self._curves.get(k, Along(s.row(size))) for k, s in enumerate(self._stops))
-            return tuple(CurvedContact(function, size) for function in own)
+        if self._bent:
+            own = self._functions[: len(self._stops)]
+            return tuple(CurvedContact(function, self.degrees_of_freedom) for function in own)
         return tuple(structure.contact(stop.row(n)) for stop in self._stops)
 
     @property
@@ -219,7 +237,7 @@ class DrivenStructure(LagrangianStructure):
 
         All N where it acts along a function of the coordinates.
         """
-        kept = self.degrees_of_freedom - (not self._curves)
+        kept = self.degrees_of_freedom - (not self._bent)
         return [contact.others[:kept] for contact in self._contacts]
 
     @cached_property
@@ -251,7 +269,7 @@ class DrivenStructure(LagrangianStructure):
     @property
     def _own(self) -> tuple[Element, ...]:
         """What acts besides a table of one coordinate, in phase, with a number, and its play."""
-        plain = not self._curves and all(
+        plain = all(
             isinstance(stop.coordinate, int)
             and not stop.phase
             and not isinstance(stop.restitution, ImpactLaw)
@@ -282,7 +300,9 @@ class DrivenStructure(LagrangianStructure):
     def _crossed(self) -> Crossed:
         """The section without hard stops."""
         n, k = self.degrees_of_freedom, cycled_by(self._elements) or 0
-        contact = self._structure.contact(self._elements[k].row(self._size))
+        contact: Any = CurvedContact(self._functions[k], n)
+        if not self._elements[k].curved:
+            contact = self._structure.contact(self._elements[k].row(self._size))
         return Crossed(self._elements[k], contact, halts(self._elements[k]), self._cycled, n)
 
     @property

@@ -25,7 +25,14 @@ from dynkit.systems.impact.elements.element import (
 )
 from dynkit.systems.impact.elements.friction import LANDED, OFF, STICKS, TURNED, DryFriction
 from dynkit.systems.impact.elements.stops import HardStop
-from dynkit.systems.impact.modes.constrained import along_stops, depends, moves, pushed, rides
+from dynkit.systems.impact.modes.constrained import (
+    along_others,
+    along_stops,
+    depends,
+    moves,
+    pushed,
+    rides,
+)
 from dynkit.systems.impact.modes.structure import Structure, independent
 
 
@@ -50,10 +57,15 @@ class Parts:
         self._elements, self._structure, self.normal = tuple(elements), structure, normal
         self._regimes = [element.regimes for element in elements]
         self._along: dict[tuple[tuple[int, ...], int], bool | None] = {}
+        self._leads: dict[int, int] = {}
         self._sliders = [k for k, element in enumerate(elements) if element.slider]
         rubs = [k for k, element in enumerate(elements) if isinstance(element, DryFriction)]
-        self._leads = {k: next((j for j in rubs if j < k and self.along((j,), k)), k) for k in rubs}
+        for k in rubs:
+            led = (j for j in rubs if j < k and len(self._alike((j,), k)) > 1)
+            self._leads[k] = next((j for j in led if self.along((j,), k)), k)
         for k, element in enumerate(elements):
+            if element.curved:  # the mass that it acts on varies
+                continue
             row = element.row(structure.size)
             for name in ("stiffness", "damping"):
                 given = max(getattr(regime, name) for regime in self._regimes[k])
@@ -74,10 +86,11 @@ class Parts:
 
     def led(self, element: int) -> list[tuple[int, float]]:
         """Friction that slips and sticks as this one, itself first, and how fast beside it."""
-        rows = [self._elements[k].row(self._structure.size) for k in range(len(self._elements))]
-        own = rows[element]
         group = [k for k, leader in self._leads.items() if leader == element]
-        return [(k, float(rows[k] @ own / (own @ own))) for k in group]
+        alike = self._alike(tuple(group), element)
+        own, *rows = (each.row(self._structure.size) for each in alike)
+        pairs = zip(group, rows, strict=True)
+        return [(k, float(row @ own / (own @ own))) for k, row in pairs]
 
     def halted(self, given: Sequence[int], element: int, *, jumps: bool) -> list[int]:
         """Regimes after a halt: friction on the same row and surface sticks as well.
@@ -167,12 +180,27 @@ class Parts:
     def along(self, others: tuple[int, ...], element: int) -> bool | None:
         """Whether other elements hold the row of an element: see `rides`."""
         if (others, element) not in self._along:
-            given = [self._elements[k] for k in others if not self._elements[k].curved]
-            rows = np.array([element.row(self._structure.size) for element in given])
+            own, *given = self._alike(others, element)
+            rows = np.array([each.row(self._structure.size) for each in given])
             held = [given[k] for k in independent(rows)]
-            own, curved = self._elements[element], self._elements[element].curved
-            self._along[others, element] = not curved and rides(self._structure, held, own)
+            rests = rides(self._structure, held, own)
+            if rests is False and others and self._structure.size == 1 + self._structure.sliders:
+                still = not any(self._elements[k].moves for k in (*others, element))
+                rests = True if still else None  # there all functions are held together
+            self._along[others, element] = rests
         return self._along[others, element]
+
+    def _alike(self, others: tuple[int, ...], element: int) -> list[Element]:
+        """An element, and those of others whose rows are like its own in all states.
+
+        Along a function of the coordinates these are those along the same function, all of which
+        might as well act along a coordinate.
+        """
+        own = self._elements[element]
+        given = [own, *(self._elements[k] for k in others)]
+        if own.curved:
+            return [replace(e, coordinate=0) for e in given if e.coordinate == own.coordinate]
+        return [e for e in given if not e.curved]
 
     def riding(self, regimes: Sequence[int]) -> list[bool | None]:
         """For each element whether others hold its row: see `along`.
@@ -193,10 +221,7 @@ class Parts:
             others = tuple(j for j in both if j != k)
             bound = k in sticking and self.along(others, k) is not False
             if bound or (regime.halts and rides):
-                raise NotImplementedError(
-                    "friction must not act along what other friction holds, which leaves its "
-                    f"force open; got {self._elements[k]!r}"
-                )
+                raise along_others(self._elements[k])
             out.append(self.along(both, k) or False if self.hard(k) and rides is False else rides)
         return out
 
@@ -313,15 +338,15 @@ class Parts:
             for k, own in enumerate(self._regimes)
         ]
 
-    def turns(self, rubbed: Sequence[bool], change: Array) -> tuple[float, float]:
+    def turns(self, rubbed: Sequence[bool], changes: Array) -> tuple[float, float]:
         """Change of a gap's acceleration when friction reverses, and the most that friction holds.
 
-        `rubbed` says which elements are in friction; `change` (N,) are the velocities by a unit
-        impulse at the gap.
+        `rubbed` says which elements are in friction; `changes` (elements,) are the rates along all
+        of them by a unit impulse at the gap.
         """
         drop = hold = 0.0
         for k in np.flatnonzero(rubbed).tolist():
-            share = abs(float(self._elements[k].row(len(change)) @ change))
+            share = abs(float(changes[k]))
             drop += 2.0 * share * self.most(k)[0]
             hold += share * self.most(k)[1]
         return drop, hold

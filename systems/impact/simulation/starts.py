@@ -50,7 +50,7 @@ def default_position(oscillator: DrivenStructure, angle: float) -> Array:
     if oscillator._strobed:
         return shape
     near = oscillator._stops[0]
-    if oscillator._curves:
+    if oscillator._bent:
         return _clear(oscillator, shape, angle)
     contact, play = oscillator._contact, oscillator.play
     row = contact.row[: len(shape)]
@@ -154,7 +154,7 @@ def start(
     x = finite_array("position", given, (n,))
     turn = np.array([math.sin(angle), math.cos(angle)])
     moving = np.zeros(n) if velocity is None else velocity
-    if position is velocity is None and oscillator._several and not oscillator._curves:
+    if position is velocity is None and oscillator._several and not oscillator._bent:
         moving = _between(oscillator, x, (float(turn[0]), float(turn[1])))[1]
     v = finite_array("velocity", moving, (n,))
     on: dict[int, float] = {}
@@ -189,7 +189,7 @@ def start(
     lain = (side for side, u in on.items() if side != element and u == 0.0)
     closed = (
         apart(oscillator, element, lain, x[:n])
-        if oscillator._curves
+        if oscillator._bent
         else unlike(oscillator, element, lain)
     )
     return state_at(oscillator, x, v, turn, on[element], element, Motion.TABLE, closed + sticks)

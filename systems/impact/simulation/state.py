@@ -169,7 +169,7 @@ def put_on(
     others = [k for k in closed if k < len(stops)]
     totals = [on_stop(stops[element], w, turn, speed)]
     totals += [on_stop(stops[k], w, turn, 0.0) for k in others]
-    if oscillator._curves:  # of several by turns; the first one is met to rounding
+    if oscillator._bent:  # of several by turns; the first one is met to rounding
         pairs = list(zip((element, *others), totals, strict=True))
         for k, total in [*pairs[1:], pairs[0]] * (_TURNS if others else 1):
             oscillator._contacts[k].put_both(*state, *total)
@@ -332,7 +332,7 @@ def apart(
     At positions (N,).
     """
     found, stops = [element], oscillator._stops
-    if oscillator._curves:
+    if oscillator._bent:
         every = [element, *(k for k in others if k != element)]
         rows = [seen_along(oscillator._contacts[k], x, x)[0] for k in every]
         return tuple(every[k] for k in independent(np.array(rows)) if k)
@@ -359,40 +359,43 @@ def sticking(
     And soft stops with a preload on which a mass rests, if these act along no other element.
     """
     found, elements, normal = [], oscillator._elements, oscillator._automaton.parts.normal
-    held = [elements[k] for k in touched if not elements[k].curved]
+    parts = oscillator._automaton.parts
     for k, element in enumerate(elements):
         off = normal.get(k, -1) not in (-1, *touched)
         if any(regime.sticks for regime in element.regimes) and not off:
-            row = element.row(len(v))
+            row = oscillator._functions[k].gradient(x)
             speed = element.drift + element.swing_rate(oscillator.frequency, *turn.tolist())
             slow = TOUCHED * (float(abs(row) @ abs(v)) + abs(speed))
             if k in normal:  # an impact may have stopped it, but for the rounding of all velocities
                 slow = TOUCHED * (float(abs(row).sum()) * float(abs(v).max()) + abs(speed))
             still = abs(float(row @ v) - speed) <= slow
-            if still and rides(oscillator._structure, held, element) is False:
+            if still and parts.along(touched, k) is False:
                 found.append(k)
         elif any(regime.holds for regime in element.regimes) and k >= len(oscillator._stops):
-            rows = [e.row(len(v)) for e in elements if e is not element and _binds(e)]
-            alone = all(np.linalg.matrix_rank(np.array([element.row(len(v)), r])) > 1 for r in rows)
-            if alone and rides(oscillator._structure, held, element) is False:
-                found += [k] * _rests(oscillator, element, x, v, turn)
+            rows = [f.gradient(x) for f in oscillator._functions]
+            others = [
+                r for r, e in zip(rows, elements, strict=True) if e is not element and _binds(e)
+            ]
+            alone = all(np.linalg.matrix_rank(np.array([rows[k], r])) > 1 for r in others)
+            if alone and parts.along(touched, k) is False:
+                found += [k] * _rests(oscillator, k, x, v, turn)
     return tuple(found)
 
 
 def _binds(element: Element) -> bool:
-    holds = any(regime.holds or regime.sticks for regime in element.regimes)
-    return holds and not element.curved
+    return any(regime.holds or regime.sticks for regime in element.regimes)
 
 
-def _rests(oscillator: DrivenStructure, element: Element, x: Array, v: Array, turn: Array) -> bool:
+def _rests(oscillator: DrivenStructure, k: int, x: Array, v: Array, turn: Array) -> bool:
     """Whether a gap and its rate are zero, but for rounding."""
-    row, swing = element.row(len(v)), float(element.swing(*turn.tolist()))
+    element, function = oscillator._elements[k], oscillator._functions[k]
+    row, swing = function.gradient(x), float(element.swing(*turn.tolist()))
     speed = float(element.swing_rate(oscillator.frequency, *turn.tolist()))
-    pairs = (x, (swing, element.offset)), (v, (speed,))
+    pairs = (x, function(x), (swing, element.offset)), (v, row @ v, (speed,))
     return all(
-        abs(float(row @ part) - sum(own))
+        abs(float(seen) - sum(own))
         <= TOUCHED * (float(abs(row).sum() * abs(part).max()) + sum(map(abs, own)))
-        for part, own in pairs  # rounding is that of all coordinates
+        for part, seen, own in pairs  # rounding is that of all coordinates
     )
 
 

@@ -2,36 +2,30 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-from threading import RLock
+from functools import partial
 from typing import final
 
 import numpy as np
 from numpy.typing import NDArray
 
 from dynkit.core.validation import Array
-from dynkit.systems.impact.elements.element import IMPACT, JAM
+from dynkit.systems.impact.elements.element import IMPACT
 from dynkit.systems.impact.elements.stops import HardStop
 from dynkit.systems.impact.modes.constrained import depends
 from dynkit.systems.impact.modes.structure import ROUNDING, Structure
 from dynkit.systems.impact.modes.taylor_mode import TaylorMode
 from dynkit.systems.impact.modes.taylor_scene import Scene
-from dynkit.systems.impact.simulation.automaton import Guard, cycled_by, halts
+from dynkit.systems.impact.simulation.joined_modes import Guard, JoinedModes, cycled_by
 from dynkit.systems.impact.simulation.regimes import Parts
 from dynkit.systems.impact.simulation.scraping import Rub, rubbing
 
 
 @final
-class TaylorAutomaton:
-    """The modes that motions of one oscillator have entered; in the first one all regimes are 0.
+class TaylorAutomaton(JoinedModes):
+    """The modes of an oscillator whose energies are not quadratic.
 
     Attributes
     ----------
-    modes : list of TaylorMode
-    regimes : list of tuple
-        Regimes of all elements in each mode.
-    parts : Parts
-    guards : list of Guard
     first : list of int
         Number of the first guard of each mode.
     sliders : dict
@@ -45,11 +39,8 @@ class TaylorAutomaton:
         self._elements = scene.elements
         self.parts = Parts(scene.elements, structure, scene.normal)
         self.sliders = {k: scene.size + i for i, k in enumerate(scene.sliders)}
-        self.modes: list[TaylorMode] = []
-        self.regimes: list[tuple[int, ...]] = []
-        self.guards: list[Guard] = []
+        self._forget()
         self.first: list[int] = []
-        self._lock = RLock()
         hit = any(isinstance(element, HardStop) for element in scene.elements)
         idle = not (hit or scene.excitation.turns)
         self._cycled = cycled_by(scene.elements) if idle else None
@@ -60,15 +51,6 @@ class TaylorAutomaton:
         """Mode, element, next mode and kind of the event of each guard, (guards, 4)."""
         return self.parts.table(self.regimes, self.guards)
 
-    def mode(self, regimes: tuple[int, ...]) -> TaylorMode:
-        """The mode of given regimes; it is built if no motion has entered it."""
-        return self.modes[self._number(regimes)]
-
-    def guard(self, mode: int, element: int) -> int:
-        """Number of the first guard of an element in a mode, or else of the mode."""
-        own = range(self.first[mode], self.first[mode] + len(self.modes[mode].guards))
-        return next((k for k in own if self.guards[k].element == element), self.first[mode])
-
     def enter(self, number: int) -> int:
         """Number of the mode that a guard leads to; it is built if no motion has entered it."""
         guard = self.guards[number]
@@ -76,21 +58,6 @@ class TaylorAutomaton:
             guard.target = self._number(self.parts.after(self.regimes[guard.mode], guard))
             guard.partner = self.guard(guard.target, guard.element)
         return guard.target
-
-    def marks(self, number: int) -> bool:
-        """Whether the zero of a guard is the section of an undriven machine."""
-        guard = self.guards[number]
-        if guard.element != self._cycled:
-            return False
-        if halts(self._elements[guard.element]):
-            return bool(guard.watch.halts)
-        return not self.regimes[guard.mode][guard.element]
-
-    def _number(self, regimes: tuple[int, ...]) -> int:
-        with self._lock:
-            if regimes not in self.regimes:
-                self._build(regimes)
-            return self.regimes.index(regimes)
 
     def _build(self, regimes: tuple[int, ...]) -> None:
         now, number = self.parts.now(regimes), len(self.modes)
@@ -106,12 +73,8 @@ class TaylorAutomaton:
             if watch.event == IMPACT:
                 guard.rubbed = self.parts.rubbed(regimes, k)
             if watch.event == IMPACT and mode.constant_kicks:
-                guard.opens, guard.ambiguous = self.parts.pushed(regimes, k)
-                if riding[k] is not None:
-                    guard.scrapes, open_ = self._rubs(guard, np.zeros(mode.bodies), 0.0)
-                    guard.ambiguous = guard.ambiguous or open_
-                elif guard.opens < 0:
-                    guard.watch = replace(watch, event=JAM)
+                rubs = partial(self._rubs, guard, np.zeros(mode.bodies), 0.0)
+                self._decide(guard, riding[k], rubs)
             self.guards.append(guard)
 
     def turns(self, guard: Guard, x: Array, phase: float) -> tuple[float, float]:
@@ -119,7 +82,7 @@ class TaylorAutomaton:
         if not any(guard.rubbed):
             return 0.0, 0.0
         response = self.modes[guard.mode].response(guard.element, x, phase)
-        return self.parts.turns(guard.rubbed, response)
+        return self.parts.turns(guard.rubbed, self._scene.rows_at(x) @ response)
 
     def outcome(self, guard: Guard, x: Array, phase: float) -> tuple[int, bool]:
         """What an impact at positions (N,) and a phase opens or moves, -1 for none.

@@ -123,13 +123,7 @@ def disturbed(
     by_v = mode.gradients(state, rates=True)[:, n : 2 * n]
     moving = mode.rate(state[None])[0, :, :n]
     for i in watched:
-        j, watch = mode.guards[i]
-        if watch.force:
-            own = mode.gradients(state, rates=False)[i]
-            by_place, by_rate = own[:n], own[n : 2 * n]
-        else:
-            row = mode.scene.elements[j].sign * mode.scene.rows_at(x)[j]
-            by_place, by_rate = (watch.gap + watch.stretch) * row, watch.rate * row
+        by_place, by_rate, *_ = np.split(mode.gradient(i, state), [n, 2 * n])
         at_once = sum(abs(float(by_rate @ kick)) for kick in kicks)
         in_time = sum(abs(float(by_place @ kick + by_rate @ by_v @ kick)) for kick in kicks)
         change = (at_once + in_time * lasts) * 2.0 * u / part
@@ -152,7 +146,7 @@ def coupling(
     w, scene, phase = mode.scene.excitation.frequency, mode.scene, math.atan2(*state[:, -1])
     mass, _ = scene.motion.inertia(w, x, v, phase)
     by_x, by_v = scene.motion.tangent(w, x, v, phase)
-    for row, regime in zip(scene.rows, mode.regimes, strict=True):
+    for row, regime in zip(scene.rows_at(x), mode.regimes, strict=True):
         along = np.outer(row, row)
         by_x, by_v = by_x - regime.stiffness * along, by_v - regime.damping * along
     by_x, by_v = (np.asarray(np.linalg.solve(mass, part), dtype=float) for part in (by_x, by_v))

@@ -10,8 +10,9 @@ import numpy as np
 from dynkit.core.validation import Array
 from dynkit.systems.impact.elements.element import IMPACT
 from dynkit.systems.impact.elements.friction import LANDED
+from dynkit.systems.impact.modes.curves import CurvedContact
 from dynkit.systems.impact.modes.taylor_mode import ROUNDING, horner
-from dynkit.systems.impact.simulation.state import TOUCHED, TWO_PI, ImpactState, Motion, on_stop
+from dynkit.systems.impact.simulation.state import TOUCHED, TWO_PI, ImpactState, Motion
 
 if TYPE_CHECKING:
     from dynkit.systems.impact.modes.taylor_chart import Chart
@@ -66,8 +67,9 @@ class Position:
         """Take positions and velocities into the coordinates of the present mode."""
         self._mode: TaylorMode = self._automaton.modes[self._number]
         v = v[: self._mode.bodies]
-        for k in set(self._mode.held) & set(self._mode.scene.curves):
-            x, v = self._onto(k, x, v, 0.0)
+        for k in (*self._mode.held, *self._mode.sticking):
+            if k in self._mode.scene.curves:
+                x, v = self._onto(k, x, v, 0.0)
         state = self._mode.state(x, v, *self._turn)
         self._mode.check(state)
         for k in self._mode.scene.normal:
@@ -93,14 +95,15 @@ class Position:
                 self._z[place] = self._above(SWITCHED)
                 if self._motion[k] == SWITCHED and not math.isnan(self._speed[k]):
                     self._z[self._half + self._chart.speeds[k]] = 0.0
-        for k, motion in enumerate(self._motion):
+        for k, motion in enumerate(self._motion[: len(self._oscillator._stops)]):
             if motion != FLIGHT and k in self._chart.places and k not in self._mode.held:
                 self._z[self._chart.places[k]] = self._above(motion)
                 self._z[self._half + self._chart.speeds[k]] = self._speed[k]
 
     def _afresh(self) -> None:
         """Take the coordinates with which a run from this state begins, where some are doubled."""
-        carried = self._chart.springs or self._mode.scene.dragged
+        soft = any(k >= len(self._oscillator._stops) for k in self._mode.scene.curves)
+        carried = self._chart.springs or self._mode.scene.dragged or soft
         for _ in range(_ROUNDS if carried else 0):
             before = self._z
             self._enter(*self._place())
@@ -163,10 +166,16 @@ class Position:
         self._turn = s * factor, c * factor
 
     def _onto(self, k: int, x: Array, v: Array, speed: float) -> tuple[Array, Array]:
-        """Positions (N + J,) and velocities (N,) on a stop along a function; its gap has a rate."""
-        x, v, stop = x.copy(), v.copy(), self._oscillator._stops[k]
-        put = on_stop(stop, self._frequency, self._turn, speed)
-        self._oscillator._contacts[k].put_both(x, v, *put)
+        """Positions (N + J,) and velocities (N,) on an element along a function.
+
+        The gap of a stop has a rate; friction sticks where it is.
+        """
+        x, v, scene = x.copy(), v.copy(), self._mode.scene
+        place, moving, _ = scene.prescribed(k, *self._turn)
+        contact, bodies = CurvedContact(scene.curves[k], len(v)), x[: len(v)]
+        if k not in self._mode.sticking:
+            contact.put(bodies, place)
+        contact.push(bodies, v, moving + scene.elements[k].sign * speed)
         return x, v
 
     def _gaps(self) -> dict[int, tuple[float, float]]:

@@ -118,7 +118,7 @@ class TaylorCourse(Position):
             if number is None:
                 break
             if number >= 0 and guards[number].watch.event != IMPACT:
-                if not self._automaton.marks(number):
+                if not self._automaton.marks(guards[number]):
                     continue
                 number = guards[number].partner
             elif number >= 0:

@@ -104,12 +104,13 @@ def impact_derivative(oscillator: DrivenStructure, state: ImpactState) -> Array:
 def tangent(oscillator: DrivenStructure, state: ImpactState) -> Array:
     """Orthonormal disturbances (d, d - 2) of section coordinates that stay on a stop.
 
-    The stop acts along a function of the coordinates.
+    The stop acts along a function of the coordinates. Without a stop, (d, d - 1).
     """
-    n, d = oscillator.degrees_of_freedom, oscillator.dimension
+    n, d, hit = oscillator.degrees_of_freedom, oscillator.dimension, not oscillator._strobed
     lifted = _lift(oscillator, state).reshape(2, -1, d)
-    put = np.concatenate([lifted[0, :-1], lifted[1, :n], np.eye(d)[-2:]])
-    return np.asarray(np.linalg.svd(put)[0][:, : d - 2])
+    first = lifted[0, :n], lifted[1, :n], lifted[0, n:-1]
+    put = np.concatenate([*first, np.eye(d)[d - 2 * hit :]])
+    return np.asarray(np.linalg.svd(put)[0][:, : d - 1 - hit])
 
 
 def _by_variations(oscillator: DrivenStructure, state: ImpactState, run: Trajectory) -> Array:
@@ -288,7 +289,7 @@ def _lift(oscillator: DrivenStructure, state: ImpactState) -> Array:
         x[: ends[0], positions] = np.eye(len(positions))
         v[ends[0] : ends[1], velocities] = np.eye(len(velocities))
         x[ends[1] :, sliders] = np.eye(len(sliders))
-        oscillator._crossed.put(x, v, moving=False)
+        oscillator._crossed.put_changes(x, v, state.position, state.velocity)
     else:
         contact, stop = oscillator._contacts[state.element], oscillator._stops[state.element]
         sine, cosine = state._turn
@@ -303,7 +304,7 @@ def _lift(oscillator: DrivenStructure, state: ImpactState) -> Array:
         # a quarter of a turn on
         place[-1] = stop.swing(cosine, -sine)
         moving[-1] = stop.swing_rate(oscillator.frequency, cosine, -sine)
-        if oscillator._curves:
+        if oscillator._bent:
             moved = x[:, :n], v[:, :n], place, moving
             x[:, :n], v[:, :n] = contact.lifted(state.position, state.velocity, moved)
         else:

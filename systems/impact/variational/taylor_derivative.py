@@ -66,7 +66,7 @@ def followed(oscillator: DrivenStructure, run: Trajectory, lifted: Array) -> tup
                 if guard.watch.force and at_once:  # by the impact that follows
                     side = run.final.element
                     number = next(j for j, (k, _) in enumerate(mode.guards) if k == side)
-                row = gradient(mode, number, state)
+                row = mode.gradient(number, state)
                 later = -(row @ out) / float(row @ rate)
             out = out + np.outer(rate, later)
             ended = ended + later
@@ -88,7 +88,7 @@ def hit(
     sine, cosine = state[:, -1].tolist()
     phase = float(np.arctan2(sine, cosine))
     rate = float(mode.gap(k, x, v, sine, cosine)[1])
-    by_rate = rate_row(mode, k, state) @ disturbances
+    by_rate = mode.rate_row(k, state) @ disturbances
     out[n : 2 * n] += reset(slope, mode.kick(k, x, phase), by_rate)
     if not mode.constant_kicks:
         by_place = mode.kick_by_place(k, x, phase)
@@ -100,7 +100,7 @@ def hit(
 def _flies_low(oscillator: DrivenStructure, run: Trajectory, duration: float, left: int) -> bool:
     """Whether a flight returns to its stop so soon that rounding hides what it changes."""
     side, brief = run.final.element, 0.0 < duration * oscillator.frequency < _LOW
-    number = brief and not oscillator._strobed and not oscillator._curves
+    number = brief and not oscillator._strobed and not oscillator._bent
     r = oscillator._stops[side].restitution if number else 0.0
     return side == left == run.start.element and isinstance(r, float) and r > 0.0
 
@@ -129,7 +129,7 @@ def _low_flight(
                 moved[2 * n + j] = mode.scene.rows[slider] @ term[n : 2 * n]
         term = moved * (duration / order)
         out += term
-    row, speeds = mode.scene.elements[k].sign * mode.scene.rows[k], rate_row(mode, k, start)
+    row, speeds = mode.scene.elements[k].sign * mode.scene.rows[k], mode.rate_row(k, start)
     risen = row @ out[:n] + duration * speeds[-1] * given[-1]
     r: Any = oscillator._stops[k].restitution
     speed = float(run.log.speed[-1]) / r
@@ -160,10 +160,10 @@ def rubbed(
     for k, ratio in automaton.scrapes(guard, x, float(np.arctan2(sine, cosine))):
         w = float(mode.gap(k, x, v, sine, cosine)[1])
         if abs(w) <= -(1.0 + r) * ratio * rate:
-            out += _slowed(mode, k, state, disturbances, w, rate_row(mode, k, state), None)
+            out += _slowed(mode, k, state, disturbances, w, mode.rate_row(k, state), None)
         else:
             own = np.sign(w) * (1.0 + r) * rate, -np.sign(w) * (1.0 + slope)
-            row = own[1] * rate_row(mode, stop, state)
+            row = own[1] * mode.rate_row(stop, state)
             out += _slowed(mode, k, state, disturbances, -own[0], row, ratio)
     return out
 
@@ -185,10 +185,10 @@ def _kept(
         to = rubs_on(automaton, times, guards, k)
         if to == STICKS:
             w = float(mode.gap(k, x, v, sine, cosine)[1])
-            out += _slowed(mode, k, state, disturbances, w, rate_row(mode, k, state), None)
+            out += _slowed(mode, k, state, disturbances, w, mode.rate_row(k, state), None)
         else:
             sign = -1.0 if to == FORWARD else 1.0
-            row = sign * rate_row(mode, guard.element, state)
+            row = sign * mode.rate_row(guard.element, state)
             out += _slowed(mode, k, state, disturbances, sign * u, row, ratio)
     return out
 
@@ -216,28 +216,3 @@ def _slowed(
         by = np.array([a * b for a, b in zip(kicks, parts, strict=True)]).imag.T / STEP
         out[n : 2 * n] -= lost * (by @ np.concatenate([disturbances[:n], disturbances[-1:]]))
     return out
-
-
-def rate_row(mode: TaylorMode, k: int, state: Array) -> Array:
-    """Derivative (2 N + J + 1,) of the rate of an element's gap by a disturbance."""
-    scene, element, (x, v) = mode.scene, mode.scene.elements[k], mode.motion(state)
-    sine, cosine = state[:, -1].tolist()
-    turned = element.swing_rate(scene.excitation.frequency, cosine, -sine)
-    bend = scene.curves[k].bend(x, v) if k in scene.curves else np.zeros(len(x))
-    still = np.zeros(len(scene.sliders))
-    return np.asarray(element.sign * np.concatenate([bend, scene.rows_at(x)[k], still, [-turned]]))
-
-
-def gradient(mode: TaylorMode, number: int, state: Array) -> Array:
-    """Derivative (2 N + J + 1,) of a guard by a disturbance."""
-    k, watch = mode.guards[number]
-    if watch.force:
-        return np.asarray(mode.gradients(state, rates=False)[number])
-    scene, element, n = mode.scene, mode.scene.elements[k], mode.bodies
-    turned = element.swing(state[1, -1], -state[0, -1])
-    row = watch.rate * rate_row(mode, k, state)
-    row[:n] += element.sign * (watch.gap + watch.stretch) * scene.rows_at(state[0, :n])[k]
-    row[-1] -= element.sign * watch.gap * turned
-    if watch.stretch:
-        row[2 * n + scene.sliders.index(k)] -= element.sign * watch.stretch
-    return np.asarray(row)

@@ -50,7 +50,8 @@ def _pair(oscillator: ImpactMap, itinerary: Itinerary, i: int) -> Pair | None:
         before = watch_of(oscillator, other)
         sticks = other.element in other.mode.held
         if sticks and back == 1 and own.rate and not (own.gap or own.force):
-            return Pair(first, max(before.order, 1))
+            straight = not oscillator._elements[event.element].curved
+            return Pair(first, max(before.order * straight, 1))
         gaps = own.gap and before.gap and not (own.rate or own.force or before.rate or before.force)
         if gaps and number and not other.mode.numbers[other.element]:
             return Pair(first, 1)
@@ -82,28 +83,29 @@ def _between(s: Any, i: int, pair: Pair) -> list[int]:
 
 def value(s: Any, i: int, pair: Pair) -> Any:
     """The guard of event `i`, over the time since the first one, to the power of the order."""
-    among, row = _between(s, i, pair), s.guards[i]
+    among = _between(s, i, pair)
     if (whole := _whole(s, among)) is None:
-        return s.quotient(among[0], row, pair.order)
-    return sum(s.rise(j, row) for j in among) / whole
+        return s.quotient(among[0], i, pair.order)
+    return sum(s.rise(j, i) for j in among) / whole
 
 
 def derivatives(s: Any, i: int, pair: Pair) -> Iterator[tuple[int, Array, float]]:
     """Derivatives of it by each state (D,) just after an event, and by the time to the next."""
-    among, row = _between(s, i, pair), s.guards[i]
+    among = _between(s, i, pair)
     if (whole := _whole(s, among)) is None:
-        by_state, by_time = s.quotient_change(among[0], row, pair.order)
+        by_state, by_time = s.quotient_change(among[0], i, pair.order)
         yield among[0], by_state, by_time
         yield from ((j, np.zeros_like(by_state), by_time) for j in among[1:])
         return
     ratio = value(s, i, pair)
     for j in among:
-        yield j, s.rise_change(j, row) / whole, float((row @ s.moving[j] - ratio) / whole)
+        by_time = s.guard_at(i, s.reached[j])[1] @ s.moving[j]
+        yield j, s.rise_change(j, i) / whole, float((by_time - ratio) / whole)
 
 
 def rounding(s: Any, i: int, pair: Pair) -> float:
     """What rounding may make of the value, to first order."""
-    found = max(s.quotient_rounding(j, s.guards[i], pair.order) for j in _between(s, i, pair))
+    found = max(s.quotient_rounding(j, i, pair.order) for j in _between(s, i, pair))
     return float(found + sum(abs(by) * s.late[j] for j, _, by in derivatives(s, i, pair)))
 
 

@@ -18,7 +18,6 @@ from dynkit.systems.impact.modes.taylor_mode import FREQUENCY, Path, TaylorMode
 from dynkit.systems.impact.modes.taylor_scene import Scene
 from dynkit.systems.impact.orbits.exponentials import carried, lifted, moved
 from dynkit.systems.impact.orbits.machine import Machine, Regimes, Rubs
-from dynkit.systems.impact.variational.taylor_derivative import gradient
 
 if TYPE_CHECKING:
     from dynkit.systems.impact.orbits.itineraries.happening import Happening
@@ -83,7 +82,7 @@ class LinearFlights:
     def rate_of(self, element: int, z: Any) -> tuple[Any, Any]:
         """Rate of the gap of a stop at a state, and its derivative (D,) by that."""
         row = self.machine.rate(element)
-        return row @ z, row
+        return z @ row, row
 
     def kick(self, element: int, z: Any, rubs: Rubs = ()) -> Any:  # noqa: ARG002
         """Change (D,) of a state by an impulse that changes the rate of a gap by one."""
@@ -242,10 +241,11 @@ class TaylorFlights:
         watch, now = self._watch(element, guard), z.real
         if not watch.force:
             row = self.machine.watched(self._regimes, element, guard)
-            return self._along(element, z, row, watch.gap, watch.rate)
+            weights = self.machine.weights(self._regimes, element, guard)
+            return self._along(element, z, row, *weights[:2])
         number, state = self._guard(element, watch), self.short(now)
         value = self.mode.watched(number, state)[0]
-        row = self.wide(gradient(self.mode, number, state), now)
+        row = self.wide(self.mode.gradient(number, state), now)
         if not np.iscomplexobj(z):
             return value, row
         by = 0.0
@@ -255,22 +255,22 @@ class TaylorFlights:
 
     def seen(self, element: int, guard: int, states: Array) -> tuple[Array, Array]:
         """What an element watches at states (n, D), and its derivatives (n, D), or (D,)."""
-        if not self._watch(element, guard).force and element not in self._scene.curves:
-            row = self.machine.watched(self._regimes, element, guard)
-            return states @ row, row
+        if not self._watch(element, guard).force:
+            return self.observed(element, guard, states)
         found = [self.observed(element, guard, z) for z in states]
         return np.array([value for value, _ in found]), np.array([row for _, row in found])
 
-    def _along(self, k: int, z: Any, row: Any, gap: float, rate: float) -> tuple[Any, Any]:
-        """What a row makes of a state, and its derivative, with what functions add to it."""
-        value = row @ z
+    def _along(self, k: int, z: Any, row: Any, gap: Any, rate: Any) -> tuple[Any, Any]:
+        """What a row makes of states (..., D), and its derivative, with what functions add."""
+        value = z @ row
         if k in self._scene.curves:
             n, own, sign = self._n, self._scene.curves[k], self.mode.scene.elements[k].sign
-            x, v, still = z[:n], z[n : 2 * n], self.mode.scene.curves[k]
-            value = value + sign * (gap * own(x) + rate * (own.gradient(x) @ v))
-            row, along = row.copy(), sign * still.gradient(x.real)
-            row[:n] += gap * along + rate * sign * still.bend(x.real, v.real)
-            row[n : 2 * n] += rate * along
+            x, v, still = z[..., :n], z[..., n : 2 * n], self.mode.scene.curves[k]
+            value = value + sign * (gap * own(x) + rate * (own.gradient(x) * v).sum(axis=-1))
+            row, along = np.broadcast_to(row, z.shape).copy(), sign * still.gradient(x.real)
+            bend = sign * still.bend(x.real, v.real)
+            row[..., :n] += gap.real * along + rate.real * bend
+            row[..., n : 2 * n] += rate.real * along
         return value, row
 
     def gap_of(self, element: int, z: Any) -> tuple[Any, Any]:
@@ -352,7 +352,7 @@ class TaylorFlights:
 
     def bends(self, element: int, states: Array) -> tuple[Array, Array]:
         """Second and third derivatives (n,) of a gap by time, at states (n, D)."""
-        found = [self.mode.gap_series(element, self.short(z)) for z in states]
+        found = [self.mode.series(element, self.short(z))[0] for z in states]
         series = np.array(found).reshape(len(states), -1)
         return 2.0 * series[:, 2], 6.0 * series[:, 3]
 

@@ -19,7 +19,7 @@ from dynkit.systems.impact.orbits.itineraries.flying import Flights, flights_of,
 from dynkit.systems.impact.orbits.itineraries.happening import Happening, Itinerary
 from dynkit.systems.impact.orbits.machine import Machine, Regimes
 from dynkit.systems.impact.records.event_counts import element_names
-from dynkit.systems.impact.simulation.automaton import cycled_by, halts
+from dynkit.systems.impact.simulation.joined_modes import cycled_by, halts
 from dynkit.systems.impact.simulation.trajectory import Trajectory
 
 if TYPE_CHECKING:

@@ -63,38 +63,41 @@ class LinearSolution(ShootingSolution):
 
     # --- divided differences ----------------------------------------------------------------------
 
-    def quotient(self, j: int, row: Any, q: int) -> Any:
-        return self._rows(j, row, q)[q] @ (np.linalg.matrix_power(self.flows[j], q) @ self.after[j])
+    def quotient(self, j: int, i: int, q: int) -> Any:
+        return self._rows(j, i, q)[q] @ (np.linalg.matrix_power(self.flows[j], q) @ self.after[j])
 
-    def quotient_change(self, j: int, row: Any, q: int) -> tuple[Any, float]:
-        rows, flow = self._rows(j, row, q + 1), self.flows[j]
+    def quotient_change(self, j: int, i: int, q: int) -> tuple[Any, float]:
+        rows, flow = self._rows(j, i, q + 1), self.flows[j]
         power = np.linalg.matrix_power(flow, q)
         late = (rows[q] - q * rows[q + 1]) @ (flow @ (power @ self.after[j]))
         return rows[q] @ power, float(late)
 
-    def quotient_rounding(self, j: int, row: Any, q: int) -> float:
+    def quotient_rounding(self, j: int, i: int, q: int) -> float:
         sizes = abs(self.after[j])
         for _ in range(q):
             sizes = abs(self.flows[j]) @ sizes
-        level = float(abs(self._rows(j, row, q)[q]) @ sizes)
+        level = float(abs(self._rows(j, i, q)[q]) @ sizes)
         return _ROUNDING * (4.0 + float(self.norms[j])) * level
 
-    def rise(self, j: int, row: Any) -> Any:
+    def rise(self, j: int, i: int) -> Any:
         if j in self.chatters:
-            return row @ (self.reached[j] - self.after[j])
-        rows = self._rows(j, row, 1)
+            return self.guards[i] @ (self.reached[j] - self.after[j])
+        rows = self._rows(j, i, 1)
         return self.durations[j] * (rows[1] @ (self.flows[j] @ self.after[j]))
 
-    def rise_change(self, j: int, row: Any) -> Any:
+    def rise_change(self, j: int, i: int) -> Any:
         if j in self.chatters:
-            return row @ self.transitions[j] - row
-        return self.durations[j] * (self._rows(j, row, 1)[1] @ self.flows[j])
+            return self.guards[i] @ self.transitions[j] - self.guards[i]
+        return self.durations[j] * (self._rows(j, i, 1)[1] @ self.flows[j])
 
-    def _rows(self, j: int, row: Any, most: int) -> list[Any]:
+    def _rows(self, j: int, i: int, most: int) -> list[Any]:
         """Rows h, h phi_1(A t), ... up to that number, A t of the time after event `j`.
+
+        The row h is the guard of event `i`.
 
         phi_0 is the exponential function, and x phi_k+1(x) = phi_k(x) - 1/k!.
         """
+        row = self.guards[i]
         m, d = self.measures, len(row)
         big = np.zeros((most + d, most + d), dtype=np.result_type(row, self.flows, self.durations))
         big[: most - 1, 1:most] = np.eye(most - 1)

@@ -220,8 +220,13 @@ class ShootingSolution(ItinerarySolution):
         values = rows[:, 0].copy()
         for i, (event, z) in enumerate(zip(self.itinerary, self.before, strict=True)):
             if event.element >= 0:
-                values[i], rows[i] = self.watch(event.mode, event.element, event.guard, z)
+                values[i], rows[i] = self.guard_at(i, z)
         return values, rows
+
+    def guard_at(self, i: int, z: Any) -> tuple[Any, Any]:
+        """What is zero at event `i`, at a state (D,), and its derivative (D,)."""
+        event = self.itinerary[i]
+        return self.watch(event.mode, event.element, event.guard, z)
 
     @property
     def guards(self) -> Any:
@@ -445,26 +450,26 @@ class ShootingSolution(ItinerarySolution):
         return flown
 
     @abstractmethod
-    def quotient(self, j: int, row: Any, q: int) -> Any:
-        """A row at the end of flight `j`, over its duration to the power of q: see `divided`.
+    def quotient(self, j: int, i: int, q: int) -> Any:
+        """The guard of event `i` after flight `j`, over its duration to the power of q: `divided`.
 
         Without what its value and first derivatives at the begin make of it.
         """
 
     @abstractmethod
-    def quotient_change(self, j: int, row: Any, q: int) -> tuple[Any, float]:
+    def quotient_change(self, j: int, i: int, q: int) -> tuple[Any, float]:
         """Derivatives of it by the state (D,) at the begin, and by the duration."""
 
     @abstractmethod
-    def quotient_rounding(self, j: int, row: Any, q: int) -> float:
+    def quotient_rounding(self, j: int, i: int, q: int) -> float:
         """What rounding may make of it, in units of a turn."""
 
     @abstractmethod
-    def rise(self, j: int, row: Any) -> Any:
-        """Change of a row of the state in a flight."""
+    def rise(self, j: int, i: int) -> Any:
+        """Change of the guard of event `i` in flight `j`."""
 
     @abstractmethod
-    def rise_change(self, j: int, row: Any) -> Any:
+    def rise_change(self, j: int, i: int) -> Any:
         """Derivative of it by the state (D,) at the begin."""
 
     @abstractmethod
@@ -498,13 +503,15 @@ class ShootingSolution(ItinerarySolution):
 
         With a static force above the kinetic one a motion from them would slip on.
         """
-        m, stops = self.machine, len(self.oscillator._stops)
-        stuck = [k for k in self.following[i].mode.held if k >= stops]
-        if stuck:
-            rows = np.array([m.elements[k].sign * m.rate(k) for k in stuck])
-            along = rows[:, m.size : 2 * m.size]
-            slips = np.linalg.solve(along @ along.T, rows @ states.T)
-            states[:, m.size : 2 * m.size] -= slips.T @ along
+        n, stops = self.machine.size, len(self.oscillator._stops)
+        mode, found, shape = self.following[i].mode, [], states.shape
+        for k in (k for k in mode.held if k >= stops):
+            slip, rows = self.flights(mode).rate_of(k, states)
+            found.append((slip, np.broadcast_to(rows, shape)[:, n : 2 * n]))
+        if found:
+            slips, along = (np.stack(part, axis=1) for part in zip(*found, strict=True))
+            left = np.linalg.solve(along @ along.transpose(0, 2, 1), slips[..., None])
+            states[:, n : 2 * n] -= (left * along).sum(axis=1)
         return states
 
     # --- what is watched --------------------------------------------------------------------------

@@ -14,7 +14,7 @@ from dynkit.core.differences import STEP
 from dynkit.core.validation import Array
 from dynkit.orbits.newton import NoSolution
 from dynkit.systems.impact.orbits.flights import Curve
-from dynkit.systems.impact.orbits.itineraries.divided import Pair
+from dynkit.systems.impact.orbits.itineraries import divided
 from dynkit.systems.impact.orbits.itineraries.flying import TaylorFlights
 from dynkit.systems.impact.orbits.itineraries.itinerary import Course
 from dynkit.systems.impact.orbits.itineraries.motion import ROUNDING, Lap
@@ -55,7 +55,7 @@ class TaylorSolution(ShootingSolution):
         scene: Scene,
         course: Course,
         lap: Lap,
-        pairs: list[Pair | None],
+        pairs: list[divided.Pair | None],
         driven: bool,
         still: TaylorSolution | None = None,
         changes: dict[Regimes, Array] | None = None,
@@ -123,8 +123,14 @@ class TaylorSolution(ShootingSolution):
 
     # --- divided differences ----------------------------------------------------------------------
 
-    def _series(self, j: int, row: Array) -> tuple[Array, bool]:
-        """Taylor coefficients (k,) of a row at the begin of a flight; whether its end is near."""
+    def _series(self, j: int, i: int) -> tuple[Array, bool]:
+        """Taylor coefficients (k,) of the guard of event `i` as flight `j` begins.
+
+        And whether the end of the flight is near.
+        """
+        if self.oscillator._elements[self.itinerary[i].element].curved:
+            return self._series_along(j, i)
+        row = self.guards[i]
         (path, _), w = self._path(j), self.oscillator.frequency
         order = np.arange(path.coefficients.shape[2])
         z, weights = path.coefficients[0].T, w**order / factorial(order)
@@ -140,14 +146,24 @@ class TaylorSolution(ShootingSolution):
         terms = abs(motion) @ abs(row[:-3]) * abs(self.durations[j]) ** order
         return found, bool(terms[-2:].max() <= _SMALL * terms.max())
 
-    def quotient(self, j: int, row: Any, q: int) -> Any:
+    def _series_along(self, j: int, i: int) -> tuple[Array, bool]:
+        """The same along a function of the coordinates."""
+        flights: TaylorFlights = self._modes[j]
+        k, watch = self.itinerary[i].element, divided.watch_of(self.oscillator, self.itinerary[i])
+        gap, rate = flights.mode.series(k, flights.short(self.after[j]))
+        found = watch.gap * gap + watch.rate * rate
+        found[0] += watch.level
+        terms = abs(found) * abs(self.durations[j]) ** np.arange(len(found))
+        return found, bool(terms[-2:].max() <= _SMALL * terms.max())
+
+    def quotient(self, j: int, i: int, q: int) -> Any:
         t = self.durations[j]
         if self._still is None:
-            series, near = self._series(j, row)
+            series, near = self._series(j, i)
             if near:
                 return polynomial.polyval(t, series[q:])
-        rise = self.rise(j, row)
-        return (rise if q == 1 else rise - t * (row @ self._begun(j))) / t**q
+        rise = self.rise(j, i)
+        return (rise if q == 1 else rise - t * (self.guards[i] @ self._begun(j))) / t**q
 
     def _begun(self, j: int) -> Any:
         """Rate (D,) of the state after event `j`."""
@@ -159,36 +175,40 @@ class TaylorSolution(ShootingSolution):
         by[-3:-1] += self.clock.imag * np.array([z[-2].real, -z[-3].real])
         return found + 1j * by
 
-    def quotient_change(self, j: int, row: Any, q: int) -> tuple[Any, float]:
-        t = float(self.durations[j])
-        series, near = self._series(j, row)
-        value, start = self.quotient(j, row, q), self.after[j]
+    def quotient_change(self, j: int, i: int, q: int) -> tuple[Any, float]:
+        t, row = float(self.durations[j]), self.guards[i]
+        series, near = self._series(j, i)
+        value, start = self.quotient(j, i, q), self.after[j]
         if near:
             late = polynomial.polyval(t, polynomial.polyder(series[q:]))
         else:
             begun = row @ self._begun(j) if q > 1 else 0.0
-            late = ((row @ self.moving[j] - begun) / t ** (q - 1) - q * value) / t
-        least, flown = _LEAST / self.clock, self.transitions[j]
+            moving = self.guard_at(i, self.reached[j])[1] @ self.moving[j]
+            late = ((moving - begun) / t ** (q - 1) - q * value) / t
+        least, end, flown = _LEAST / self.clock, self.reached[j], self.transitions[j]
         if abs(t) < least:  # there it hardly depends on the duration
             t = least
-            _, flown = self._modes[j].passed(start, t)
-        by_state = row @ flown - row
+            end, flown = self._modes[j].passed(start, t)
+        by_state = self.guard_at(i, end)[1] @ flown - self.guard_at(i, start)[1]
         if q > 1:
             by_state -= t * (row @ self._modes[j].tangent(start))
         return by_state / t**q, float(late)
 
-    def quotient_rounding(self, j: int, row: Any, q: int) -> float:
-        series, near = self._series(j, row)
+    def quotient_rounding(self, j: int, i: int, q: int) -> float:
+        (series, near), row = self._series(j, i), self.guards[i]
         t = abs(float(self.durations[j]))
         level = polynomial.polyval(t, abs(series[q:])) if near else 0.0
         size = float(abs(row) @ np.maximum(abs(self.after[j]), abs(self.reached[j])))
         return ROUNDING * float(level if near else size / t**q)
 
-    def rise(self, j: int, row: Any) -> Any:
-        return row @ (self.reached[j] - self.after[j])
+    def rise(self, j: int, i: int) -> Any:
+        if self.oscillator._elements[self.itinerary[i].element].curved:
+            return self.guard_at(i, self.reached[j])[0] - self.guard_at(i, self.after[j])[0]
+        return self.guards[i] @ (self.reached[j] - self.after[j])
 
-    def rise_change(self, j: int, row: Any) -> Any:
-        return row @ self.transitions[j] - row
+    def rise_change(self, j: int, i: int) -> Any:
+        begin, end = (self.guard_at(i, z)[1] for z in (self.after[j], self.reached[j]))
+        return end @ self.transitions[j] - begin
 
     # --- the motion -------------------------------------------------------------------------------
 
