@@ -96,7 +96,7 @@ def polynomial_first_root(
     """Return the first root in (0, `end`] of c[first] + c[first + 1] e + ..., positive at 0.
 
     From a point x on the left, the root of p(x) + p'(x) e - M e^2/2 with M >= |p''| cannot lie
-    beyond a root of p.
+    beyond a root of p. One that is negative at 0 already, beyond `band`, has its root there.
 
     Returns
     -------
@@ -118,7 +118,7 @@ def polynomial_first_root(
         if value < -band:
             discriminant = c[first + 1] * c[first + 1] - 4.0 * c[first] * c[first + 2]
             guess = 2.0 * c[first] / (math.sqrt(max(discriminant, 0.0)) - c[first + 1])
-            return polish(c, first, min(guess, end), 0.0, end)
+            return polish(c, first, min(max(guess, 0.0), end), 0.0, end)
     curvature = 0.0
     power = 1.0
     for j in range(first + 2, DEGREE + 1):

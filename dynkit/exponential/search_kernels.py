@@ -105,14 +105,14 @@ def _first_rung(
 
 
 @kernel()
-def _lowered(c: Array, raised: float, e: float, earliest: float) -> float:
+def _lowered(c: Array, first: int, raised: float, e: float, earliest: float) -> float:
     """Return the root of a polynomial from that of the polynomial plus `raised`, unless double."""
-    c[0] -= raised
-    if c[0] > 0.0 and polynomial(c, 0, e)[0] < 0.0:
-        return polish(c, 0, e, 0.0, e)[1]
+    c[first] -= raised
+    if c[first] > 0.0 and polynomial(c, first, e)[0] < 0.0:
+        return polish(c, first, e, 0.0, e)[1]
     for _ in range(3):
-        value, rate = polynomial(c, 0, e)
-        second = 2.0 * abs(c[2]) + 6.0 * abs(c[3] * e)
+        value, rate = polynomial(c, first, e)
+        second = 2.0 * abs(c[first + 2]) + 6.0 * abs(c[first + 3] * e)
         if rate >= 0.0 or 8.0 * second * raised > rate * rate:
             break
         e = max(e - value / rate, earliest)
@@ -372,6 +372,11 @@ def first_root(
                     carries = False
         h = smallest * (1 << wide)
         outcome, e, slope = polynomial_first_root(c, first, h, threshold)
+        if outcome == TOUCH and not touches:
+            # it may come back, and cross beyond the band, in the same cell
+            c[first] += 4.0 * threshold
+            raised += 4.0 * threshold
+            outcome, e, slope = polynomial_first_root(c, first, h, threshold)
         cells += 1
         if outcome == ROOT and raised > 0.0:
             if n > 0 and n != carried_to and c[0] < raised and c[1] < 0.0:
@@ -384,7 +389,7 @@ def first_root(
                 else:
                     expand(ladder.generator, rows, offset, states, current, c)
                 c[0] += raised
-            e = _lowered(c, raised, e, -smallest if n > 0 else 0.0)
+            e = _lowered(c, first, raised, e, -smallest if n > 0 else 0.0)
         if outcome == ROOT or (outcome == TOUCH and touches):
             for _ in range(first):
                 slope *= e

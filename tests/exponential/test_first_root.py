@@ -248,3 +248,30 @@ def test_a_root_at_the_end_of_a_cell_is_a_root(cell_end: float, offset: float) -
     assert root.kind is RootKind.ROOT
     assert root.time == pytest.approx(end, rel=4e-16)
     assert root.rate == pytest.approx(-frequency, rel=1e-15)
+
+
+@pytest.mark.parametrize(("touch", "root", "back"), [(0.02, 0.1, 0.2), (0.1, 0.15, 0.24)])
+@pytest.mark.plain
+def test_a_root_just_after_a_touch_that_does_not_count_is_found(
+    touch: float, root: float, back: float
+) -> None:
+    """f touches zero, falls below it and is positive again, all in the first cell, of 0.25."""
+    zeros = [(touch, 0), (touch, 1), (root, 0), (back, 0)]
+    with mpmath.workdps(40):
+        rows = mpmath.matrix(
+            [
+                [
+                    *(w**d * mpmath.cos(w * s + d * mpmath.pi / 2) for w in (1, 2)),
+                    *(
+                        mpmath.mpf(w) ** (d - 1) * mpmath.sin(w * s + d * mpmath.pi / 2)
+                        for w in (1, 2)
+                    ),
+                    1 - d,
+                ]
+                for s, d in zeros
+            ]
+        )
+        value, *rates, offset = map(float, mpmath.lu_solve(rows[:, 1:], rows[:, 0]))
+    given = ExponentialSum([-1.0, value], rates, [1.0, 2.0], [0.0, 0.0], offset)
+    assert given.first_root().kind is RootKind.TOUCH
+    assert given.first_root(touches=False).time == pytest.approx(root, abs=1e-10)

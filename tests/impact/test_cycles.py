@@ -11,10 +11,11 @@ from mpmath import mp
 import dynkit
 from dynkit.analysis import LyapunovSpectrum
 from dynkit.core.no_motion import NoCrossing
-from dynkit.systems import DryFriction, HardStop, ImpactChain, SoftStop
+from dynkit.systems import DryFriction, HardStop, ImpactChain, Jenkins, SoftStop
 from dynkit.testing import check_name, map_checks, parameter_derivatives_are_right
 from tests.reference.friction import STICK
 from tests.reference.soft_stops import DIGITS, SoftStopReference
+from tests.validation.machines import compared
 
 
 def belt(frequency: float = 1.0, **numbers: float) -> ImpactChain:
@@ -224,3 +225,24 @@ def test_what_is_driven_or_hit_keeps_its_section() -> None:
     record = hit.simulate(impacts=3)
     assert len(record.states[0]) == 4
     assert not record.element.any()
+
+
+@pytest.mark.parametrize("stiffness", [1.0, 2.0])
+@pytest.mark.parametrize("first", ["friction", "slider"])
+def test_friction_that_halts_with_a_slider_is_on_its_section(stiffness: float, first: str) -> None:
+    """Both are along one row over one belt: they halt at the same time, and that is one event."""
+    own = [
+        DryFriction(0, force=0.2, velocity=0.2),
+        Jenkins(0, stiffness=stiffness, force=0.1, velocity=0.2),
+    ]
+    machine = ImpactChain(
+        masses=1,
+        damping=0.0,
+        frequency=1.0,
+        constant_forces=[0.3],
+        elements=own if first == "friction" else own[::-1],
+    )
+    found = compared(machine, machine.state([1.5], [0.4]))
+    assert not found.wrong
+    assert len(found.states) > 1
+    assert all(true <= claimed for true, claimed in (*found.states, *found.times))

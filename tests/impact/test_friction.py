@@ -10,6 +10,7 @@ import dynkit
 from dynkit.analysis import LyapunovSpectrum
 from dynkit.core.validation import Array
 from dynkit.systems import DryFriction, HardStop, ImpactChain, MatrixOscillator, SoftStop
+from dynkit.systems.impact.simulation.runs import trajectory_of
 from tests.impact.agreement import moves_as_in_many_digits
 
 
@@ -352,3 +353,22 @@ def test_random_machines_with_friction_move_as_in_many_digits(seed: int, hit: bo
     chain, place, velocity = random_machine(seed, hit=hit)
     found = moves_as_in_many_digits(chain, place, velocity, impacts=5, most=1e-10)
     assert found.events >= 2
+
+
+@pytest.mark.parametrize("forces", [[0.15], [0.2, 0.1]])
+@pytest.mark.parametrize("noise", [1e-10, 1e-7])
+def test_disturbed_motions_go_forward_in_time(forces: list[float], noise: float) -> None:
+    """A mass that friction holds at a stop is let go: its gap is zero, also where disturbed."""
+    stop = HardStop(0, offset=0.1, side="below", restitution=0.0)
+    machine = ImpactChain(
+        masses=1,
+        damping=0.0,
+        frequency=0.5,
+        harmonic_forces=[1.0],
+        elements=[stop, *(DryFriction(0, force=force) for force in forces)],
+    )
+    exact = trajectory_of(machine, machine.state(), 12, store=True).segments.begin
+    for seed in range(1, 4):
+        twin = trajectory_of(machine, machine.state(), 12, store=True, noise=noise, seed=seed)
+        assert (np.diff(twin.segments.begin) >= 0.0).all()
+        assert twin.time[-1] == pytest.approx(exact[-1], abs=100.0 * noise)

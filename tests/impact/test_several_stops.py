@@ -438,3 +438,48 @@ def test_twenty_stops() -> None:
     assert len(record) == 300
     assert len(set(record.element)) > 5
     assert len(chain._automaton.modes) < 300
+
+
+def both(harmonic: float, coupling: float, *elements: Element) -> MatrixOscillator:
+    """Two equal masses that are driven alike, with the same elements each."""
+    own = [replace(e, coordinate=k) for k in (0, 1) for e in elements]
+    return MatrixOscillator(
+        M=np.eye(2),
+        C=0.1 * np.eye(2),
+        K=[[1.0 + coupling, -coupling], [-coupling, 1.0 + coupling]],
+        frequency=0.9,
+        harmonic_forces=[harmonic] * 2,
+        elements=own,
+    )
+
+
+@pytest.mark.parametrize(
+    "elements",
+    [
+        [HardStop(0, offset=-0.3, restitution=0.7)],
+        [HardStop(0, offset=-0.3, restitution=0.0), DryFriction(0, force=0.1)],
+        [HardStop(0, offset=-0.3, restitution=0.5), Jenkins(0, stiffness=1.0, force=0.1)],
+    ],
+    ids=["stop", "friction", "slider"],
+)
+def test_equal_masses_hit_their_stops_at_the_same_time(elements: list[Element]) -> None:
+    """Each moves as it would alone; rounding does not choose which of them is first."""
+    pair, alone = both(0.8, 1.0, *elements), both(0.8, 0.0, *elements)
+    alone = alone.replace(elements=[e for e in alone.elements if e.coordinate == 0])
+    record, single = (
+        machine.simulate(impacts=n, start=machine.state([0.1, 0.1], [0.2, 0.2]))
+        for machine, n in ((pair, 40), (alone, 20))
+    )
+    assert record.element.tolist() == [0, 1] * 20
+    within = single.error + record.error[1::2]
+    assert within.max() < 1e-11
+    for first in (0, 1):
+        assert (abs(record.time[first::2] - single.time) < within + 1e-14).all()
+    assert (abs(record.position[1::2] - single.position[:, :1]).max(axis=1) <= within).all()
+    assert (abs(record.velocity[1::2] - single.velocity[:, :1]).max(axis=1) <= within).all()
+
+
+def test_the_label_of_a_symmetric_machine_counts_both_stops() -> None:
+    assert (
+        str(both(0.8, 1.0, HardStop(0, offset=-0.3, restitution=0.7)).attractor().label) == "P(2,1)"
+    )

@@ -23,6 +23,7 @@ from tests.reference.rows import ZERO, first_root
 
 BITS: Final = 200
 ZERO_RATE: Final = arb(10) ** -36
+AT_ONCE: Final = arb(2) ** -10 + 1
 
 SLOW: Final = arb(10) ** -12
 """A rebound below this is the end of a chatter: what follows it changes by about its square."""
@@ -290,7 +291,9 @@ class Machine:
                 if is_clear:
                     continue
                 numbers = [(row.row * term)[0, 0].mid() for term in terms]
-                root = first_root(numbers, min([end, *(r for r, _ in found)], key=float))
+                # a little beyond the first one so far: others may be zero there, too
+                until = min([end, *((r * AT_ONCE).mid() for r, _ in found)], key=float)
+                root = first_root(numbers, until)
                 if root is not None:
                     found.append((root, k))
             if found:

@@ -287,7 +287,7 @@ class Automaton(JoinedModes):
             slots = np.zeros(self._size, dtype=np.intp)
             slots[: len(modes[number].layout.modes)] = modes[number].layout.modes
             stack.put("slots", number, slots)
-            stack.put("lain", number, self.parts.lain(self.regimes[number]))
+            stack.put("regimes", number, np.array(self.regimes[number], dtype=np.intp))
             stack.put("slides", number, self.parts.slides(self.regimes[number]))
             for k in own:
                 for name, value in self._constants(guards[k]).items():
@@ -316,7 +316,7 @@ class Automaton(JoinedModes):
             ladders=ladders,
             first=np.searchsorted([g.mode for g in guards], np.arange(len(modes) + 1)),
             slots=stack.take("slots", len(modes)),
-            lain=stack.take("lain", len(modes)),
+            regimes=stack.take("regimes", len(modes)),
             slides=stack.take("slides", len(modes)),
             counts=np.array([len(mode.layout.modes) for mode in modes]),
             element=self.table[:, 1].copy(),

@@ -40,9 +40,11 @@ Indices = NDArray[np.intp]
     AMBIGUOUS,
     AT_ONCE,
     REMAINING,
-) = range(18)
-CLOCK = 18
-"""Numbers of a clock; above, the places of them."""
+    MARKED,
+) = range(19)
+CLOCK = 19
+"""Numbers of a clock; above, the places of them. At the time MARKED an undriven motion was on its
+section."""
 
 MOTION, ORDER, SPEED, GAP, AT_LIMIT = range(5)
 """Of each element, how it begins the flight: see `FLIGHT`; how many leading Taylor coefficients of
@@ -52,6 +54,10 @@ the forward and the backward one, or twice that while nothing moves it. Zero els
 
 BEGIN = 5
 """Numbers of each element; above, the places of them."""
+
+AT_THE_SAME_TIME = 64.0
+"""So many times their rounding events of different elements may be apart, and a gap may be off zero
+where another one is zero: errors of both accumulate."""
 
 FLIGHT, BOUNCED, SWITCHED, BOUNCES, STILL = range(5)
 """Gap open; just after an impact (u >= 0), which may come to rest; just after a switch; just after
@@ -91,15 +97,24 @@ def advance_clock(clock: Array, n: int, smallest: float, e: float, rate: float) 
 def move_on(
     clock: Array, left: Array, own: int, n: int, smallest: float, e: float, rate: float
 ) -> None:
-    """`advance_clock`; where time has passed all elements but one are in flight."""
+    """`advance_clock`; where more time than its rounding has passed, all but one are in flight.
+
+    Low bounces last less, but their gaps are known to more digits than the state has: a stop that
+    has bounced is in flight after any time, and all others where its own bounce is over.
+    """
     time, low = clock[TIME], clock[TIME_LOW]
+    later = n * smallest + e > AT_THE_SAME_TIME * EPSILON * time
+    if own >= 0:
+        later = later or left[own, ORDER] == 1.0 or left[own, GAP] > 0.0
+        left[own, GAP] = 0.0
     advance_clock(clock, n, smallest, e, rate)
     if clock[TIME] != time or clock[TIME_LOW] != low:
         for element in range(left.shape[0]):
-            if element != own:
+            known = left[element, GAP] > 0.0 and left[element, ORDER] <= 1.0
+            if element != own and (later or known):
                 left[element, MOTION] = FLIGHT
                 left[element, ORDER] = 0.0
-            if abs(left[element, AT_LIMIT]) == 1.0:
+            if later and abs(left[element, AT_LIMIT]) == 1.0:
                 left[element, AT_LIMIT] = 0.0
 
 
@@ -210,11 +225,13 @@ def perturb_cut(excursion: Array, lost: float, states: Array, clock: Array) -> N
 @kernel()
 def perturb_touch(gap: Ladder, band_factor: float, states: Array, clock: Array) -> float:
     """Move a touch, in the found state, by what the rounding band leaves open; the new rate."""
-    second, _, _, reach = start_sums(gap.rows, states, FOUND)
+    second, third, _, reach = start_sums(gap.rows, states, FOUND)
     band = band_factor * EPSILON * (reach + abs(gap.offset))
     longest = gap.smallest
     if second * longest * longest > 2.0 * band:
         longest = math.sqrt(2.0 * band / second)
+    if abs(third) * longest * longest * longest > 6.0 * band:
+        longest = (6.0 * band / abs(third)) ** (1.0 / 3.0)
     slots = states.shape[2]
     shift(gap.generator, longest * random(clock), states, FOUND, START, 0, slots)
     for row in range(2):

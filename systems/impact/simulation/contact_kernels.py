@@ -37,7 +37,7 @@ class Tables(NamedTuple):
     ladders : the guards; a group of them is a mode
     first : (modes + 1,) the first guard of each mode
     slots, counts : (modes, N) and (modes,) slots of the coordinates of each mode, and their number
-    lain : (modes, elements) the stops at which friction holds what they stop
+    regimes : (modes, elements) their regimes
     slides : (modes, elements) 1 or -1 for sliders that slide forward or backward, `RIDES` for those
         that stick to what does not move over their surfaces
     element : (guards,) what it belongs to
@@ -80,7 +80,7 @@ class Tables(NamedTuple):
     first: Indices
     slots: Indices
     counts: Indices
-    lain: NDArray[np.bool_]
+    regimes: Indices
     slides: Indices
     element: Indices
     event: Indices

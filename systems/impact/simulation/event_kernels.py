@@ -23,6 +23,7 @@ from dynkit.exponential.polynomial_kernels import polynomial
 from dynkit.exponential.stack_kernels import GROUP, ladder_at
 from dynkit.systems.impact.simulation.clock_kernels import (
     AT_LIMIT,
+    AT_THE_SAME_TIME,
     BOUNCED,
     BOUNCES,
     FLIGHT,
@@ -37,6 +38,9 @@ from dynkit.systems.impact.simulation.contact_kernels import SMALLEST, Tables, s
 
 _HALVINGS = 60
 """Halvings of the smallest step, from which on a guard that is zero is looked at."""
+
+LAIN = 2
+"""Regime of an open stop at which friction holds a mass."""
 
 IMPACT, SWITCH, JAM, HALT, JUMP, REST = range(6)
 """What happens where a guard is zero: the law of impacts in the same mode, another mode, or the end
@@ -195,9 +199,13 @@ def appear(tables: Tables, before: int, m: int, left: Array) -> bool:
     """Whether stops are no longer lain at in mode `m`: then their gaps are zero, and at rest.
 
     Sliders that no longer slide are at their limits; so are those that were there, until they move.
+    What has switched, and is now in yet another regime, has other guards.
     """
     for element in range(left.shape[0]):
         was, now, at = tables.slides[before, element], tables.slides[m, element], left[element]
+        if at[MOTION] == SWITCHED and tables.regimes[before, element] != tables.regimes[m, element]:
+            at[MOTION] = FLIGHT
+            at[ORDER] = 0.0
         if was in (1, -1):
             at[AT_LIMIT] = was
         if now in (1, -1):
@@ -207,7 +215,8 @@ def appear(tables: Tables, before: int, m: int, left: Array) -> bool:
     found = False
     for k in range(tables.first[m], tables.first[m + 1]):
         element = tables.element[k]
-        if tables.event[k] == IMPACT and tables.lain[before, element] > tables.lain[m, element]:
+        lay = tables.regimes[before, element] == LAIN != tables.regimes[m, element]
+        if tables.event[k] == IMPACT and lay:
             found = True
             left[element, MOTION] = BOUNCED
             left[element, ORDER] = 0.0
@@ -238,7 +247,9 @@ def know_gaps(tables: Tables, g: int, n: int, e: float, left: Array, work: Works
         own = left[tables.element[k]]
         order = int(own[ORDER])
         rubbed = tables.event[g] != IMPACT or tables.drop[k] + tables.hold[k] > 0.0
-        if k == g or n > 0 or not rubbed or (order == 0 and own[GAP] == 0.0):
+        if k == g:  # that is over after `move_on`
+            continue
+        if n > 0 or not rubbed or (order == 0 and own[GAP] == 0.0):
             own[GAP] = 0.0
             continue
         gap = ladder_at(tables.ladders, k)
@@ -287,6 +298,22 @@ def together(tables: Tables, g: int, states: Array, band_factor: float) -> bool:
 
 
 @kernel()
+def first_of(tables: Tables, g: int, states: Array, band_factor: float) -> int:
+    """The first of the stops that are hit at the same time, but for rounding, as that of guard `g`.
+
+    In a machine with a symmetry rounding would choose their order, anew at each of their impacts.
+    """
+    for k in range(tables.first[tables.ladders.integers[g, GROUP]], g):
+        if tables.event[k] != IMPACT:
+            continue
+        gap = ladder_at(tables.ladders, k)
+        closes = sign_of(gap, states, FOUND, 1, band_factor) < 0
+        if closes and sign_of(gap, states, FOUND, 0, AT_THE_SAME_TIME * band_factor) == 0:
+            return int(k)
+    return g
+
+
+@kernel()
 def push(tables: Tables, g: int, left: Array, states: Array) -> bool:
     """Rates of gaps that are zero and that the impact at guard `g` changed; if one closes."""
     closes = False
@@ -327,7 +354,20 @@ def jolt(tables: Tables, g: int, left: Array, states: Array) -> None:
 
 
 @kernel()
-def try_again(tables: Tables, g: int, left: Array, states: Array) -> None:
+def rises(guard: Ladder, order: int, states: Array, band_factor: float) -> int:
+    """The order of the first derivative of a guard that is not zero; 0 where that is negative.
+
+    It was `order` before a force changed, which can only make it less.
+    """
+    for lower in range(1, order):
+        sign = sign_of(guard, states, START, lower, band_factor)
+        if sign != 0:
+            return lower if sign > 0 else 0
+    return order if start_sums(guard.rows, states, START)[order - 2] > 0.0 else 0
+
+
+@kernel()
+def try_again(tables: Tables, g: int, left: Array, states: Array, band_factor: float) -> None:
     """In another mode, that of guard `g`, those that did not come to rest may do so.
 
     And what has just switched goes on at another rate, or not at all.
@@ -341,14 +381,15 @@ def try_again(tables: Tables, g: int, left: Array, states: Array) -> None:
         begins = k == tables.first[m] or tables.element[k - 1] != tables.element[k]
         if not begins or tables.event[k] not in (SWITCH, HALT) or own[MOTION] != SWITCHED:
             continue
-        if own[ORDER] == 0.0:  # a force is another one
-            own[MOTION] = FLIGHT
-        elif own[ORDER] == 1.0:
-            guard = ladder_at(tables.ladders, k)
+        guard = ladder_at(tables.ladders, k)
+        if own[ORDER] > 1.0:
+            own[ORDER] = rises(guard, int(own[ORDER]), states, band_factor)
+        if own[ORDER] == 1.0:
             own[SPEED] = value_and_rates(guard.rows, guard.offset, states, START)[1]
             if own[SPEED] <= 0.0:
-                own[MOTION] = FLIGHT
                 own[ORDER] = 0.0
+        if own[ORDER] == 0.0:  # a force is another one
+            own[MOTION] = FLIGHT
 
 
 @kernel()

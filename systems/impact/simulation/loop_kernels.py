@@ -32,6 +32,7 @@ from dynkit.systems.impact.elements.law_kernels import evaluate
 from dynkit.systems.impact.simulation.clock_kernels import (
     AMBIGUOUS,
     AT_ONCE,
+    AT_THE_SAME_TIME,
     BOUNCED,
     BOUNCES,
     BUDGET,
@@ -42,6 +43,7 @@ from dynkit.systems.impact.simulation.clock_kernels import (
     GUARD,
     IMPACTS,
     LEFT_FROM,
+    MARKED,
     MOTION,
     ORDER,
     REMAINING,
@@ -84,6 +86,7 @@ from dynkit.systems.impact.simulation.event_kernels import (
     copy,
     disturbs,
     falls,
+    first_of,
     guard_of,
     jolt,
     jumped,
@@ -218,7 +221,7 @@ def run(
                 clock[LEFT_FROM] = -1.0
                 appear(tables, m, tables.target[changed], left)
                 if beside is not None:
-                    try_again(tables, there, left, y)
+                    try_again(tables, there, left, y, band_factor)
                 # By a force that jumped the gap has an acceleration at once, or its rate a rate.
                 own = left[tables.element[changed]]
                 if own[MOTION] == STILL:
@@ -309,9 +312,12 @@ def run(
                         # What rounding hid in flight is clear on the table: it does not hold the
                         # mass.
                         if u == 0.0:
-                            transform(tables.change[tables.row[held]], y, 0, START)
-                            normalise(y, gap.steady)
-                            order = order_at_rest(gap, y, band_factor)
+                            if tables.partner[held] >= 0 and tables.target[held] == m:
+                                transform(tables.change[tables.row[held]], y, 0, START)
+                                normalise(y, gap.steady)
+                                order = order_at_rest(gap, y, band_factor)
+                            else:  # friction would hold the mass, but has just let it go
+                                order = 3 * sign_of(gap, y, START, 3, band_factor)
                         sticks = order <= 0
                         if scraping and not sticks:
                             copy(y, KEPT, START)
@@ -329,7 +335,7 @@ def run(
                     copy(y, 0, START)
                     appear(tables, m, tables.target[k], left)
                     if beside is not None:
-                        try_again(tables, held, left, y)
+                        try_again(tables, held, left, y, band_factor)
                     own[MOTION] = FLIGHT if loose else SWITCHED
                     own[ORDER] = 0.0
                     enter(k, held, clock, rest, u, y, switches)
@@ -453,16 +459,20 @@ def run(
             move_on(clock, left, tables.element[best], n, smallest, e, tables.clock_rate)
             clock[LEFT_FROM] = -1.0
             # Others that switched at the same time do so in another mode.
+            appear(tables, m, target, left)
             if beside is not None:
-                try_again(tables, tables.partner[best], left, y)
+                try_again(tables, tables.partner[best], left, y, band_factor)
             own[MOTION] = SWITCHED if tables.event[best] == SWITCH else FLIGHT
             own[ORDER] = tables.order[best]
             own[SPEED] = 0.0
             if beside is not None and tables.order[best] == 1:
                 own[SPEED] = value_and_rates(after.rows, after.offset, y, START)[1]
-            appear(tables, m, target, left)
             enter(best, tables.partner[best], clock, 0.0, 0.0, y, switches)
-            if beside is not None and tables.marks[best]:
+            # Friction that slips and halts at the same time, as others slip, has halted once.
+            since = clock[TIME] - clock[MARKED]
+            at_once = since <= AT_THE_SAME_TIME * EPSILON * clock[TIME]
+            if beside is not None and tables.marks[best] and not at_once:
+                clock[MARKED] = clock[TIME]
                 if store:
                     note_impact(
                         done, tables.partner[best], after.steady, clock, math.nan, y, impacts
@@ -475,6 +485,13 @@ def run(
                 copy(y, FOUND, START)
                 move_on(clock, left, tables.element[best], n, smallest, e, tables.clock_rate)
                 return done, JAMMED
+            tied = first_of(tables, best, y, band_factor)
+            if tied != best:
+                at = best = tied
+                gap = ladder_at(ladders, best)
+                own = left[tables.element[best]]
+                outcome = ROOT
+                rate = value_and_rates(gap.rows, gap.offset, y, FOUND)[1]
             wanted = lets_go(tables, best)
             if wanted >= 0:
                 clock[WANTED] = wanted

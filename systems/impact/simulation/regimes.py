@@ -230,10 +230,13 @@ class Parts:
     ) -> list[tuple[int, Watch]]:
         """Guards of a mode: elements, and what is watched.
 
-        What others hold has none. Friction on a row that others move does not halt.
+        What others hold has none. Friction on a row that others move does not halt. A slider turns
+        as friction on its row and surface halts, whose event that is.
         """
         both, found = sum(self.grips(regimes), ()), list[tuple[int, Watch]]()
-        for k, regime in enumerate(self.now(regimes)):
+        now = self.now(regimes)
+        halting = [k for k in self._leads if now[k].halts and riding[k] is False]
+        for k, regime in enumerate(now):
             own: Sequence[Watch] = regime.guards
             if k in both:
                 own = [self._shared(k, watch) for watch in own]
@@ -241,6 +244,8 @@ class Parts:
                 own = ()
             elif riding[k] is None and own and own[0].event == HALT:
                 own = [replace(w, event=SWITCH, order=1) for w in own if w.event == JUMP]
+            elif k in self._sliders and any(self.along((j,), k) for j in halting):
+                own = [w for w in own if w.event == JUMP or not w.rate]
             found += [(k, watch) for watch in own]
         return found
 

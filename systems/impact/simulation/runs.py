@@ -141,6 +141,7 @@ class Course:
         clock = np.zeros(clock_kernels.CLOCK)
         clock[clock_kernels.GUARD] = start.element
         clock[clock_kernels.LEFT_FROM] = clock[clock_kernels.AMBIGUOUS] = -1
+        clock[clock_kernels.MARKED] = -1.0
         clock[clock_kernels.SEED] = seed
         clock[clock_kernels.LONGEST] = longest
         self._left = np.zeros((len(oscillator._elements), clock_kernels.BEGIN))

@@ -43,6 +43,9 @@ largest velocity, or than so many times the cubic root of the tolerance."""
 _AT_ONCE, _SWITCHES = 1000, 1 << 16
 """Impacts in no time, for each element, and switches without an impact, after which a run ends."""
 
+_TOGETHER = 64.0 * 2.0**-52
+"""Part of the time within which events are at once."""
+
 _PACE = 0.4
 """Steps of a twin run over the longest step of Taylor's method."""
 
@@ -72,7 +75,7 @@ class TaylorCourse(Position):
         self._tolerance = oscillator.chatter_tolerance
         self.impacts, self.ending, self.cells = 0, Ending.COUNT_REACHED, 0
         self._chatter_error, self._touches, self._ambiguous, self._at_once = 0.0, 0, -1, 0
-        self._bounce = 0.0
+        self._bounce, self._marked = 0.0, -1.0
         self._laws = [stop.restitution for stop in oscillator._stops]
         self._several = len(self._laws) > 1
         self._strobed = oscillator._strobed and not oscillator._cycled
@@ -118,9 +121,10 @@ class TaylorCourse(Position):
             if number is None:
                 break
             if number >= 0 and guards[number].watch.event != IMPACT:
-                if not self._automaton.marks(guards[number]):
+                at_once = self._time - self._marked <= _TOGETHER * self._time
+                if at_once or not self._automaton.marks(guards[number]):
                     continue
-                number = guards[number].partner
+                number, self._marked = guards[number].partner, self._time
             elif number >= 0:
                 number = self._hit(number)
                 if self._jammed:
@@ -224,7 +228,7 @@ class TaylorCourse(Position):
         sticks = self._oscillator._elements[k].regimes[guard.watch.to].sticks
         self._motion[k] = FLIGHT if sticks else moved
         self._speed[k] = 0.0
-        self._slide(before, halts=guard.watch.event == SWITCH and bool(guard.watch.rate))
+        self._slide(before, halts=guard.watch.event in (SWITCH, HALT) and bool(guard.watch.rate))
         self._appear(before)
         self._enter(*place)
         self._keep(gaps)
