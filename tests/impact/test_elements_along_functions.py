@@ -15,7 +15,7 @@ import pytest
 import sympy as sp
 from flint import arb, arb_poly, ctx
 
-from dynkit import continue_orbit
+from dynkit import OrbitKind, continue_orbit
 from dynkit.analysis import LyapunovSpectrum
 from dynkit.orbits.kinds import BifurcationKind
 from dynkit.systems import DryFriction, HardStop, ImpactChain, ImpactOscillator, Jenkins, SoftStop
@@ -604,3 +604,30 @@ def test_an_orbit_on_two_stops_along_functions_is_that_of_the_chain() -> None:
     assert abs(exact.phases - bent.phases).max() <= allowed < 1e-10
     assert abs(exact.impulses - bent.impulses).max() <= allowed
     assert np.poly(bent.multipliers) == pytest.approx(np.poly(exact.multipliers), abs=1e-11)
+
+
+def test_an_orbit_that_never_leaves_a_stop_along_a_function_is_refused_by_name() -> None:
+    class Rotor(ImpactOscillator):
+        """A rotor that its unbalance turns, pressed against the ring around it."""
+
+        degrees_of_freedom = 2
+
+        def kinetic(self, v: Any) -> Any:
+            return (v[0] ** 2 + v[1] ** 2) / 2
+
+        def potential(self, x: Any) -> Any:
+            return (x[0] ** 2 + x[1] ** 2) / 2
+
+        def dissipation(self, v: Any) -> Any:
+            return (v[0] ** 2 + v[1] ** 2) / 40
+
+        def clearance(self, x: Any) -> Any:
+            return (1 - x[0] ** 2 - x[1] ** 2) / 2
+
+    ring = HardStop("clearance", restitution=0.7)
+    rotor = Rotor(frequency=1.3, harmonic_forces=[0.8, -0.8j], elements=[ring])
+    rubbing = rotor.attractor()
+    assert rubbing.label.kind is OrbitKind.NO_IMPACTS
+    assert rubbing.label.error == np.inf  # no proof excludes further impacts
+    with pytest.raises(NotImplementedError, match="never leave a stop along a function"):
+        rubbing.periodic_orbit()

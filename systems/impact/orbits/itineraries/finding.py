@@ -32,6 +32,7 @@ from dynkit.systems.impact.simulation.trajectory import Trajectory
 if TYPE_CHECKING:
     from dynkit.systems.impact.impact_map import ImpactMap
 
+_RUBS = "orbits that never leave a stop along a function of the coordinates are not solved for"
 _FAMILY = (
     "no isolated periodic orbit found from the guess: it is one of a family, as where friction "
     "never slips, or nothing damps the motion"
@@ -128,6 +129,8 @@ def guess_of(
     """
     if quiet := not len(seen.events):
         seen = _quiet(system, state, periods)
+        if set(seen.events[0].mode.held) & set(system._curves):
+            raise NotImplementedError(_RUBS)
     if sizes is None:
         sizes = _sizes(system, state, seen, length)
     for k in system._automaton.sliders:
