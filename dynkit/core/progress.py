@@ -5,8 +5,8 @@ from __future__ import annotations
 import sys
 from typing import Any
 
-# Seconds after which a bar appears.
-_QUIET = 2.0
+# Seconds after which a bar appears, and between two looks of it.
+_QUIET, _OFTEN = 2.0, 0.1
 
 
 def late_bar(what: str, unit: str, total: int | None = None) -> Any:
@@ -16,5 +16,5 @@ def late_bar(what: str, unit: str, total: int | None = None) -> Any:
     """
     from tqdm import tqdm
 
-    how: dict[str, Any] = {"delay": _QUIET, "leave": False, "disable": None}
+    how: dict[str, Any] = {"delay": _QUIET, "mininterval": _OFTEN, "leave": False, "disable": None}
     return tqdm(desc=what, unit=f" {unit}", total=total, file=sys.stderr, **how)

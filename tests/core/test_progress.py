@@ -24,7 +24,7 @@ def test_branches_and_searches_show_how_far_they_are(
 ) -> None:
     monkeypatch.setattr(progress, "_QUIET", quiet)
     monkeypatch.setattr(sys, "stderr", stderr)
-    monkeypatch.setenv("TQDM_MININTERVAL", "0")
+    monkeypatch.setattr(progress, "_OFTEN", 0.0)
     orbit = periodic_orbit(Henon(a=0.2), [0.8, 0.2])
     continue_orbit(orbit, "a", bounds=(0.1, 0.3))
     find_orbits(Henon(), 1, [(-2.0, 2.0), (-1.0, 1.0)], calls=300)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import re
+import sys
 import tracemalloc
 from typing import Any
 from unittest.mock import patch
@@ -12,10 +14,12 @@ from hypothesis import given
 
 from dynkit import basins, parameter_map
 from dynkit.analysis import PowerSpectrum, TimeSeries
+from dynkit.core import progress
 from dynkit.dynamics.map_attractor import MapAttractor
 from dynkit.systems import Henon, ImpactChain
 from dynkit.systems.impact.oscillators.attractor import ImpactAttractor
 from dynkit.systems.impact.records import record as records
+from tests.core.test_progress import Terminal
 from tests.effort import share
 from tests.impact.any_oscillator import Begin, begins
 
@@ -55,15 +59,15 @@ def test_the_error_of_a_long_record_takes_the_memory_of_a_batch() -> None:
     assert peak - error.nbytes < 200e6
 
 
-def test_the_error_of_a_long_record_shows_how_far_it_is(
-    capsys: pytest.CaptureFixture[str],
-) -> None:
-    record = chain().simulate(impacts=100)
-    with patch.object(records, "_NUMBERS", 300), patch.object(records, "_QUIET", 0.0):
+def test_the_error_of_a_long_record_shows_how_far_it_is() -> None:
+    record, shown = chain().simulate(impacts=100), Terminal()
+    with (
+        patch.object(records, "_NUMBERS", 300),
+        patch.multiple(progress, _QUIET=1e-9, _OFTEN=0.0),
+        patch.object(sys, "stderr", shown),
+    ):
         assert record.error.shape == (100,)
-    shown = capsys.readouterr().err
-    assert "error: 100%" in shown
-    assert "100/100" in shown
+    assert re.search(r"error: +\d+%.* [1-9]\d*/100 ", shown.getvalue())
 
 
 def test_the_error_of_a_short_record_shows_nothing(capsys: pytest.CaptureFixture[str]) -> None:

@@ -364,7 +364,9 @@ def test_where_there_is_no_orbit_an_error_says_so() -> None:
 
 
 def test_an_attractor_that_is_no_orbit_is_refused() -> None:
-    with pytest.raises(ValueError, match=r"^attractor must be P\(n,m\) or P\(inf,m\); it is chao"):
+    with pytest.raises(
+        ValueError, match=r"^attractor must be P\(n,m\) or P\(inf,m\); its label is 'chao"
+    ):
         ImpactChain(frequency=1.346).attractor().periodic_orbit()
 
 
