@@ -79,7 +79,7 @@ class Harmonics:
     def count(self, share: float = SHARE) -> int:
         """Return the smallest number of harmonics that together hold a share of the variance.
 
-        A motion without impacts has none.
+        A motion at rest has none.
 
         Raises
         ------

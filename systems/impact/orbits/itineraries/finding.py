@@ -66,7 +66,7 @@ def orbit_near(system: ImpactMap, state: ImpactState, periods: int) -> ImpactOrb
     Raises
     ------
     NotImplementedError
-        Where what an element does is not known.
+        Where what an element does is not known, or a stop along a function never opens.
     NoConvergence
         When the motion is too far from an orbit, or the orbit is one of a family.
     """
@@ -129,8 +129,9 @@ def guess_of(
     """
     if quiet := not len(seen.events):
         seen = _quiet(system, state, periods)
-        if set(seen.events[0].mode.held) & set(system._curves):
-            raise NotImplementedError(_RUBS)
+    closed = set(system._curves).intersection(*(event.mode.held for event in seen.events))
+    if any(k < len(system._stops) for k in closed):
+        raise NotImplementedError(_RUBS)
     if sizes is None:
         sizes = _sizes(system, state, seen, length)
     for k in system._automaton.sliders:
