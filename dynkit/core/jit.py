@@ -190,7 +190,8 @@ def _classes() -> Any:
             # Of its own: else that of the entry which was loaded first would run, with other bits.
             for function in self._final_module.functions:
                 if not function.is_declaration and function.linkage is binding.Linkage.linkonce_odr:
-                    function.linkage = "internal"
+                    if b"noinline" not in function.attributes:
+                        function.linkage = "internal"
             super()._optimize_final_module()
 
     class Linked(Entry):
@@ -206,6 +207,13 @@ def _classes() -> Any:
         def get_pointer_to_function(self, _: str) -> int:
             self._ensure_finalized()
             return 0
+
+    class Apart(Linked):
+        def _optimize_functions(self, module: Any) -> None:
+            for function in module.functions:
+                if not function.is_declaration:
+                    function.add_function_attribute("noinline")
+            super()._optimize_functions(module)
 
     class Compiling(pipeline):  # type: ignore[misc]
         library: type = Entry
@@ -231,6 +239,9 @@ def _classes() -> Any:
     class Linking(Compiling):
         library = Linked
 
+    class Reordering(Compiling):
+        library = Apart
+
     class Inner(CPUDispatcher):
         constants = False
 
@@ -244,7 +255,7 @@ def _classes() -> Any:
             return super().get_call_template(args, kws)
 
     return SimpleNamespace(
-        inner=Inner, compiling=Compiling, linking=Linking, compilation=Compilation
+        inner=Inner, compiling=Compiling, linking=Linking, reordering=Reordering, compilation=Compilation
     )
 
 
@@ -353,7 +364,9 @@ def kernel(
             return plain
         _announced()
         classes = _classes()
-        options["pipeline_class"] = classes.compiling if entry else classes.linking
+        options["pipeline_class"] = (
+            classes.compiling if entry else classes.reordering if reorder else classes.linking
+        )
         previous = settings.CACHE_DIR
         settings.CACHE_DIR = str(cache_folder())
         try:

@@ -13,7 +13,7 @@ NOTHING = 1e-200
 its numbers with high powers of slow rates."""
 
 
-@kernel(reorder=True, inline=True)
+@kernel(reorder=True)
 def weighted(rows: Array, first: int, skipped: int, states: Array, k: int) -> float:
     """Return the sum of the absolute terms of two rows, without one slot."""
     total = 0.0

@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 
 from dynkit.core.jit import kernel
 from dynkit.core.validation import Array
+from dynkit.exponential.product_kernels import fused, pair_sums
 
 EPSILON = 2.0**-52
 
@@ -129,7 +130,7 @@ def _add_driven(links: Indices, b: Array, j: int, states: Array, k: int, to: int
         states[to, 1, links[m, 0]] += b[j + 1, m, 2] * p + b[j + 1, m, 3] * q
 
 
-@kernel(fuse=True, inline=True)
+@kernel(inline=True)
 def propagate(
     step: Array,
     links: Indices,
@@ -149,17 +150,15 @@ def propagate(
     for i in range(first, last):
         a = states[k, 0, i]
         b = states[k, 1, i]
-        states[to, 0, i] = (
-            (step[j, 4, i] * a + step[j, 5, i] * b) + step[j, 0, i] * a + step[j, 1, i] * b
-        )
-        states[to, 1, i] = (
-            (step[j, 6, i] * a + step[j, 7, i] * b) + step[j, 2, i] * a + step[j, 3, i] * b
-        )
+        low = fused(step[j, 4, i], a, step[j, 5, i] * b)
+        states[to, 0, i] = fused(step[j, 1, i], b, fused(step[j, 0, i], a, low))
+        low = fused(step[j, 6, i], a, step[j, 7, i] * b)
+        states[to, 1, i] = fused(step[j, 3, i], b, fused(step[j, 2, i], a, low))
     if first == 0:
         _add_driven(links, link_step, j, states, k, to)
 
 
-@kernel(reorder=True, inline=True)
+@kernel(inline=True)
 def walk(
     step: Array, links: Indices, link_step: Array, seen: int, j: int, states: Array, k: int, to: int
 ) -> None:
@@ -167,8 +166,8 @@ def walk(
     for i in range(seen):
         a = states[k, 0, i]
         b = states[k, 1, i]
-        states[to, 0, i] = step[j, 0, i] * a + step[j, 1, i] * b
-        states[to, 1, i] = step[j, 2, i] * a + step[j, 3, i] * b
+        states[to, 0, i] = fused(step[j, 0, i], a, step[j, 1, i] * b)
+        states[to, 1, i] = fused(step[j, 2, i], a, step[j, 3, i] * b)
     _add_driven(links, link_step, j, states, k, to)
 
 
@@ -208,7 +207,7 @@ def propagate_steps(
     return k
 
 
-@kernel(reorder=True, constants=True)
+@kernel(constants=True)
 def shift(
     generator: Array,
     e: float,
@@ -231,15 +230,17 @@ def shift(
         x1 = 1.0
         factor = 1.0
         for j in range(2, DEGREE + 2):
-            before, now = now, trace * now - determinant * before
+            before, now = now, fused(trace, now, -determinant * before)
             factor = factor / j
-            x0 -= determinant * before * factor
-            x1 += now * factor
+            x0 = fused(-determinant * before, factor, x0)
+            x1 = fused(now, factor, x1)
         x1 *= e
         a = states[k, 0, i]
         b = states[k, 1, i]
-        states[to, 0, i] = x0 * a + x1 * (generator[0, i] * a + generator[1, i] * b)
-        states[to, 1, i] = x0 * b + x1 * (generator[2, i] * a + generator[3, i] * b)
+        rate = fused(generator[0, i], a, generator[1, i] * b)
+        states[to, 0, i] = fused(x1, rate, x0 * a)
+        rate = fused(generator[2, i], a, generator[3, i] * b)
+        states[to, 1, i] = fused(x1, rate, x0 * b)
 
 
 @kernel()
@@ -282,52 +283,30 @@ def shift_linked(ladder: Ladder, e: float, states: Array, k: int, to: int) -> No
                 states[to, 1, t] += states[new, 1, t]
 
 
-@kernel(reorder=True, inline=True)
+_sums_ahead = pair_sums(3, 1)
+_start_sums = pair_sums(2, 2)
+_rates = pair_sums(3, 0)
+
+
+@kernel(inline=True)
 def look_ahead(cell: Array, j: int, states: Array, k: int) -> tuple[float, float, float, float]:
     """Return f, f', f'' after the step of rung `j`, and the bound of the Hermite error on it."""
-    value = 0.0
-    rate = 0.0
-    second = 0.0
-    error = 0.0
-    for i in range(cell.shape[2]):
-        a = states[k, 0, i]
-        b = states[k, 1, i]
-        value += cell[j, 0, i] * a + cell[j, 1, i] * b
-        rate += cell[j, 2, i] * a + cell[j, 3, i] * b
-        second += cell[j, 4, i] * a + cell[j, 5, i] * b
-        error += cell[j, 6, i] * abs(a) + cell[j, 7, i] * abs(b)
-    return value, rate, second, error
+    return _sums_ahead(cell, cell.shape[1] // 2 * j, states, k)
 
 
-@kernel(reorder=True, inline=True)
+@kernel(inline=True)
 def start_sums(rows: Array, states: Array, k: int) -> tuple[float, float, float, float]:
     """Return f'', f^(3), and bounds of |f^(4)| and of |f| (its present size if it grows)."""
-    second = 0.0
-    third = 0.0
-    fourth = 0.0
-    reach = 0.0
-    for i in range(rows.shape[1]):
-        a = states[k, 0, i]
-        b = states[k, 1, i]
-        second += rows[4, i] * a + rows[5, i] * b
-        third += rows[6, i] * a + rows[7, i] * b
-        reach += rows[BOUND, i] * abs(a) + rows[BOUND + 1, i] * abs(b)
-        fourth += rows[BOUND + 2, i] * abs(a) + rows[BOUND + 3, i] * abs(b)
+    second, third, reach, fourth = _start_sums(rows, 2, states, k)
     return second, third, fourth, reach
 
 
-@kernel(reorder=True, inline=True)
+@kernel(inline=True)
 def value_and_rates(
     rows: Array, offset: float, states: Array, k: int
 ) -> tuple[float, float, float]:
     """Return f, f' and f'' at the state `k`."""
-    value = 0.0
-    rate = 0.0
-    second = 0.0
-    for i in range(rows.shape[1]):
-        value += rows[0, i] * states[k, 0, i] + rows[1, i] * states[k, 1, i]
-        rate += rows[2, i] * states[k, 0, i] + rows[3, i] * states[k, 1, i]
-        second += rows[4, i] * states[k, 0, i] + rows[5, i] * states[k, 1, i]
+    value, rate, second = _rates(rows, 0, states, k)
     return value + offset, rate, second
 
 

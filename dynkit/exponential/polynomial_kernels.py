@@ -7,20 +7,21 @@ import math
 from dynkit.core.jit import kernel
 from dynkit.core.validation import Array
 from dynkit.exponential.evaluation_kernels import DEGREE, EPSILON
+from dynkit.exponential.product_kernels import fused
 
 ROOT, TOUCH, NEVER, LIMIT, BEYOND, PAUSED = 0, 1, 2, 3, 4, 5
 """Outcomes: sign change, double root within rounding, no later root, limit of cells reached, no
 root up to the horizon, search paused."""
 
 
-@kernel(reorder=True, inline=True)
+@kernel(inline=True)
 def polynomial(c: Array, first: int, e: float) -> tuple[float, float]:
     """Return value and derivative at `e` of the polynomial c[first] + c[first + 1] e + ..."""
     value = c[DEGREE]
     rate = 0.0
     for j in range(DEGREE - 1, first - 1, -1):
-        rate = rate * e + value
-        value = value * e + c[j]
+        rate = fused(rate, e, value)
+        value = fused(value, e, c[j])
     return value, rate
 
 

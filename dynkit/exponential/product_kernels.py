@@ -1,0 +1,127 @@
+"""Sums of products in one order: the same bits in every kernel and on every width of registers.
+
+A compiler that may reorder sums does so differently in every function that they are inlined into.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numba
+
+from dynkit.core.validation import Array
+
+_LANES = 4
+"""Number of partial sums."""
+
+
+def _multiply_add(builder: Any, kind: Any, *values: Any) -> Any:
+    """Emit the call of LLVM's fused operation for numbers or vectors of them."""
+    from llvmlite import ir
+    from numba.core import cgutils
+
+    name = "llvm.fmuladd.f64" if kind == ir.DoubleType() else f"llvm.fmuladd.v{kind.count}f64"
+    function_type = ir.FunctionType(kind, [kind] * 3)
+    insert: Any = cgutils.get_or_insert_function
+    return builder.call(insert(builder.module, function_type, name), values)
+
+
+def _fused() -> Any:
+    settings: Any = numba.config
+    if settings.DISABLE_JIT:
+        return lambda a, b, c: a * b + c
+
+    from numba.core import types
+
+    def code(_context: Any, builder: Any, _signature: Any, values: Any) -> Any:
+        return _multiply_add(builder, values[0].type, *values)
+
+    @numba.extending.intrinsic
+    def fused(_context: Any, _a: Any, _b: Any, _c: Any) -> Any:
+        return types.float64(types.float64, types.float64, types.float64), code
+
+    return fused
+
+
+fused = _fused()
+"""a b + c, with one rounding where the processor has such an operation."""
+
+
+def pair_sums(signed: int, absolute: int) -> Any:
+    """Return what sums terms (rows, i, states, k) -> sums over slots of row_2i a + row_2i+1 b, ...
+
+    The pair (a, b) of a slot is that of state k; rows are counted through all leading axes. The
+    first `signed` sums, of two rows each, are followed by `absolute` ones of |a| and |b|. The order
+    of the terms is fixed: four partial sums each of a and b, and then what is left.
+    """
+    count = signed + absolute
+    settings: Any = numba.config
+    if settings.DISABLE_JIT:
+
+        def plain(rows: Array, i: int, states: Array, k: int) -> tuple[float, ...]:
+            n = rows.shape[-1]
+            weights = rows.reshape(-1, n)[2 * i : 2 * (i + count)].reshape(count, 2, n)
+            y = states[k, :, :n]
+            return tuple(
+                float((each * (y if m < signed else abs(y))).sum())
+                for m, each in enumerate(weights)
+            )
+
+        return plain
+
+    from llvmlite import ir
+    from numba.core import cgutils, types
+
+    tools: Any = cgutils
+    tuple_of: Any = types.UniTuple
+    number, whole = ir.DoubleType(), ir.IntType(64)
+
+    def code(context: Any, builder: Any, signature: Any, values: Any) -> Any:
+        arrays = [
+            context.make_array(signature.args[m])(context, builder, values[m]) for m in (0, 2)
+        ]
+        n, slots = (tools.unpack_tuple(builder, each.shape)[-1] for each in arrays)
+        row = builder.mul(builder.mul(values[1], whole(2)), n)
+        first = builder.mul(builder.mul(values[3], whole(2)), slots)
+        begins = [builder.add(row, builder.mul(whole(m), n)) for m in range(2 * count)]
+        weights = [builder.gep(arrays[0].data, [each]) for each in begins]
+        pair = [builder.gep(arrays[1].data, [builder.add(first, m)]) for m in (whole(0), slots)]
+
+        def partial(kind: Any, begin: Any, end: Any, by: int) -> list[Any]:
+            function_type = ir.FunctionType(kind, [kind])
+            name = "llvm.fabs.f64" if kind == number else f"llvm.fabs.v{_LANES}f64"
+            size = tools.get_or_insert_function(builder.module, function_type, name)
+            sums = [
+                tools.alloca_once_value(builder, ir.Constant(kind, [0.0] * by if by > 1 else 0.0))
+                for _ in range(2 * count)
+            ]
+            with tools.for_range_slice(builder, begin, end, whole(by), whole) as (at, _):
+
+                def load(base: Any) -> Any:
+                    place = builder.bitcast(builder.gep(base, [at]), kind.as_pointer())
+                    return builder.load(place, align=8)
+
+                numbers = [load(each) for each in pair]
+                sizes = [builder.call(size, [each]) for each in numbers]
+                for m, (weight, total) in enumerate(zip(weights, sums, strict=True)):
+                    value = (numbers if m < 2 * signed else sizes)[m % 2]
+                    now = _multiply_add(builder, kind, load(weight), value, builder.load(total))
+                    builder.store(now, total)
+            found = [builder.load(each) for each in sums]
+            return [builder.fadd(*found[m : m + 2]) for m in range(0, 2 * count, 2)]
+
+        even = builder.and_(n, whole(-_LANES))
+        vectors = partial(ir.VectorType(number, _LANES), whole(0), even, _LANES)
+        rests = partial(number, even, n, 1)
+        totals = []
+        for vector, rest in zip(vectors, rests, strict=True):
+            a, b, c, d = (builder.extract_element(vector, whole(m)) for m in range(_LANES))
+            total = builder.fadd(builder.fadd(a, c), builder.fadd(b, d))
+            totals.append(builder.fadd(total, rest))
+        return context.make_tuple(builder, signature.return_type, totals)
+
+    @numba.extending.intrinsic
+    def sums(_context: Any, rows: Any, _i: Any, states: Any, _k: Any) -> Any:
+        return tuple_of(types.float64, count)(rows, types.intp, states, types.intp), code
+
+    return sums
