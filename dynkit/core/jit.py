@@ -26,9 +26,6 @@ from dynkit.core.compile_notice import announce
 
 _Function = TypeVar("_Function", bound=Callable[..., Any])
 
-FUSED = {"contract"}
-"""Fast-math flags that allow fused multiply-add operations."""
-
 REORDERED = {"reassoc", "contract", "nsz"}
 """Fast-math flags of sums whose error bound holds for any order of the terms."""
 
@@ -117,6 +114,10 @@ def _classes() -> Any:
     kernels, which only kernels call, are compiled once for all integers, unless `constants` is
     true. Numba would also optimise each of them, with all that it calls, and make machine code of
     it. Their code is linked into that of the kernels that Python calls, and optimised as a whole.
+
+    An entry runs no code of another entry, whose bits would depend on which was loaded first. All
+    entries have the same bits: sums have one order, except in functions that stay out of line,
+    which are optimised by themselves.
     """
     from llvmlite import binding
     from numba.core import codegen, compiler, compiler_machinery, dispatcher, types, typing
@@ -129,6 +130,7 @@ def _classes() -> Any:
     context_of_types: Any = vars(typing)["Context"]
     compilation: Any = vars(dispatcher)["_FunctionCompiler"]
     operators: dict[Any, Any] = {}
+    apart = b"noinline"
 
     class Operator(types.Function):
         """An operator. Its types for numbers are found once: Numba tries NumPy's rules first."""
@@ -187,11 +189,10 @@ def _classes() -> Any:
                 quick.getFunctionPassManager().run(function, quick)
 
         def _optimize_final_module(self) -> None:
-            # Of its own: else that of the entry which was loaded first would run, with other bits.
             for function in self._final_module.functions:
-                if not function.is_declaration and function.linkage is binding.Linkage.linkonce_odr:
-                    if b"noinline" not in function.attributes:
-                        function.linkage = "internal"
+                shared = function.linkage is binding.Linkage.linkonce_odr
+                if shared and not function.is_declaration and apart not in function.attributes:
+                    function.linkage = "internal"
             super()._optimize_final_module()
 
     class Linked(Entry):
@@ -212,7 +213,7 @@ def _classes() -> Any:
         def _optimize_functions(self, module: Any) -> None:
             for function in module.functions:
                 if not function.is_declaration:
-                    function.add_function_attribute("noinline")
+                    function.add_function_attribute(apart.decode())
             super()._optimize_functions(module)
 
     class Compiling(pipeline):  # type: ignore[misc]
@@ -255,7 +256,11 @@ def _classes() -> Any:
             return super().get_call_template(args, kws)
 
     return SimpleNamespace(
-        inner=Inner, compiling=Compiling, linking=Linking, reordering=Reordering, compilation=Compilation
+        inner=Inner,
+        compiling=Compiling,
+        linking=Linking,
+        reordering=Reordering,
+        compilation=Compilation,
     )
 
 
@@ -312,7 +317,6 @@ def kernel(
     *,
     entry: bool = False,
     reorder: bool = False,
-    fuse: bool = False,
     inline: bool = False,
     constants: bool = False,
     nogil: bool = False,
@@ -329,9 +333,8 @@ def kernel(
         the compilation time.
     reorder
         The compiler may reorder the sums of this function and use fused multiply-add operations.
-        Never for double-double arithmetic.
-    fuse
-        The compiler may use fused multiply-add operations, in the order given.
+        It does so in one way: the function is not inlined, and the same in all entries. Never for
+        double-double arithmetic.
     inline
         The kernel is inlined into its callers.
     constants
@@ -351,7 +354,7 @@ def kernel(
         "no_cpython_wrapper": not entry,
         "no_cfunc_wrapper": True,
         "error_model": "numpy",
-        "fastmath": REORDERED if reorder else FUSED if fuse else False,
+        "fastmath": REORDERED if reorder else False,
         "forceinline": inline,
         "nogil": nogil,
         "_nrt": False,

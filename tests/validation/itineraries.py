@@ -23,7 +23,7 @@ from tests.reference.machines import BITS, Machine
 from tests.reference.random_machines import random_machine
 
 MACHINES, MOST = 400, 6
-TRANSIENT, KEPT = 400, 40
+TRANSIENT, KEPT = 4000, 40
 
 SLIDING = (1, 4, 5, 14, 22, 23, 28, 33, 51, 54, 60, 62, 79, 94, 101, 104, 110, 115, 119)
 """Those with sliders, whose orbits are those of the map."""
