@@ -291,7 +291,8 @@ _rates = pair_sums(3, 0)
 @kernel(inline=True)
 def look_ahead(cell: Array, j: int, states: Array, k: int) -> tuple[float, float, float, float]:
     """Return f, f', f'' after the step of rung `j`, and the bound of the Hermite error on it."""
-    return _sums_ahead(cell, cell.shape[1] // 2 * j, states, k)
+    value, rate, second, error = _sums_ahead(cell, cell.shape[1] // 2 * j, states, k)
+    return value, rate, second, error
 
 
 @kernel(inline=True)

@@ -1,6 +1,6 @@
-"""Sums of products in one order: the same bits in every kernel and on every width of registers.
+"""Sums of products in one order, which has the same bits in every kernel.
 
-A compiler that may reorder sums does so differently in every function that they are inlined into.
+A compiler that may reorder sums does so differently in each function into which they are inlined.
 """
 
 from __future__ import annotations
@@ -48,11 +48,14 @@ fused = _fused()
 
 
 def pair_sums(signed: int, absolute: int) -> Any:
-    """Return what sums terms (rows, i, states, k) -> sums over slots of row_2i a + row_2i+1 b, ...
+    """Return a function of kernels: (rows, i, states, k) -> several sums over the slots.
 
-    The pair (a, b) of a slot is that of state k; rows are counted through all leading axes. The
-    first `signed` sums, of two rows each, are followed by `absolute` ones of |a| and |b|. The order
-    of the terms is fixed: four partial sums each of a and b, and then what is left.
+    The sums are sum(row[2i] a + row[2i + 1] b), sum(row[2i + 2] a + row[2i + 3] b), and so on,
+    where (a, b) is the pair of a slot in state k, and rows are counted through all leading axes.
+    The first `signed` sums are followed by `absolute` ones, of |a| and |b|.
+
+    Terms of a and of b have four partial sums each, in the order of the slots; the slots that do
+    not fill four have two more. The arrays are C-contiguous.
     """
     count = signed + absolute
     settings: Any = numba.config
@@ -122,6 +125,8 @@ def pair_sums(signed: int, absolute: int) -> Any:
 
     @numba.extending.intrinsic
     def sums(_context: Any, rows: Any, _i: Any, states: Any, _k: Any) -> Any:
+        if not rows.layout == states.layout == "C":
+            return None
         return tuple_of(types.float64, count)(rows, types.intp, states, types.intp), code
 
     return sums

@@ -10,6 +10,7 @@ import pytest
 
 from dynkit.core.jit import kernel
 from dynkit.core.validation import Array
+from dynkit.exponential.product_kernels import fused
 from dynkit.systems.impact.oscillators.chain import ImpactChain
 from dynkit.systems.impact.records.record import ImpactRecord
 from dynkit.systems.impact.simulation.trajectory import Ending
@@ -31,9 +32,10 @@ def energy_jumps(record: ImpactRecord) -> Array:
     return np.asarray(0.5 * chain.mass[-1, -1] * jump)
 
 
-@kernel(entry=True, fuse=True)
+@kernel(entry=True)
 def _square_less(a: float, b: float) -> float:
-    return a * a - b
+    square_less: float = fused(a, a, -b)
+    return square_less
 
 
 def products_are_fused() -> bool:
