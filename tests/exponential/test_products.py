@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numba
 import numpy as np
 import pytest
@@ -39,5 +41,6 @@ def test_sums_have_one_order(slots: int) -> None:
     y = states[1, :, :slots]
     exact = in_order(rows[1, 2:4] * y), in_order(rows[1, 4:] * abs(y))
     assert found == pytest.approx(exact, rel=1e-14, abs=1e-14)
-    if not numba.config.DISABLE_JIT:
+    settings: Any = numba.config
+    if not settings.DISABLE_JIT:
         assert found == exact
