@@ -631,7 +631,7 @@ class Rotor(ImpactOscillator):
 UNBALANCE, RING = 0.8, HardStop("clearance", restitution=0.7)
 
 
-def rubbing(frequency: float, **parameters: float) -> Any:
+def rubbing(frequency: float, **parameters: Any) -> Any:
     """The orbit of a rotor that rubs all around its ring."""
     forces = [UNBALANCE, -1j * UNBALANCE]
     rotor = Rotor(frequency=frequency, harmonic_forces=forces, elements=[RING], **parameters)
@@ -661,7 +661,7 @@ def test_a_rotor_that_rubs_all_around_its_ring_turns_as_in_closed_form() -> None
 def test_a_branch_of_full_rub_folds_and_loses_contact_as_in_closed_form() -> None:
     orbit, found = rubbing(1.3), []
     for bounds, kind in (((1.2, 1.7), BifurcationKind.SN), ((0.4, 1.31), BifurcationKind.CB)):
-        given = {"step": 0.05, "largest_step": 0.2, "points": 12}
+        given: Any = {"step": 0.05, "largest_step": 0.2, "points": 12}
         branch = continue_orbit(orbit, "frequency", bounds=bounds, **given)
         found.append(next(b for b in branch.bifurcations if b.kind is kind))
     fold, lost = found
@@ -689,7 +689,7 @@ def test_full_rub_in_a_ring_that_is_not_round_is_a_motion_along_it() -> None:
     angle = np.arctan2(x[1] / q, x[0])
     tangent = np.array([-np.sin(angle), q * np.cos(angle)])
     begin = np.array([angle, (v @ tangent) / (tangent @ tangent)])
-    given = {"method": "DOP853", "rtol": 1e-13, "atol": 1e-13}
+    given: Any = {"method": "DOP853", "rtol": 1e-13, "atol": 1e-13}
     end = solve_ivp(along, (0, orbit.period), begin, **given).y[:, -1]
     assert end - begin == pytest.approx([2 * np.pi, 0], abs=1e-11)
     assert orbit.admissible

@@ -100,7 +100,7 @@ def _of_contact(seen: Seen, length: float, turn: float) -> Seen:
 def _quiet(system: ImpactMap, state: ImpactState, periods: int) -> Seen:
     """A motion in which nothing happens, at the begin of each period; settled, where it may be."""
     turn = TWO_PI / system.frequency
-    run, begins = run_for(system, state, periods * turn), turn * np.arange(periods)
+    run, begins = run_for(system, state, periods * turn), turn * np.arange(float(periods))
     late = (-state.phase % TWO_PI) / system.frequency
     if run.ending is Ending.SEARCH_LIMIT and system.engine == "Taylor":
         late += _TRANSIENT * turn
