@@ -14,6 +14,7 @@ import numpy as np
 import pytest
 import sympy as sp
 from flint import arb, arb_poly, ctx
+from scipy.integrate import solve_ivp
 
 from dynkit import OrbitKind, continue_orbit
 from dynkit.analysis import LyapunovSpectrum
@@ -606,28 +607,89 @@ def test_an_orbit_on_two_stops_along_functions_is_that_of_the_chain() -> None:
     assert np.poly(bent.multipliers) == pytest.approx(np.poly(exact.multipliers), abs=1e-11)
 
 
-def test_an_orbit_that_never_leaves_a_stop_along_a_function_is_refused_by_name() -> None:
-    class Rotor(ImpactOscillator):
-        """A rotor that its unbalance turns, pressed against the ring around it."""
+class Rotor(ImpactOscillator):
+    """A rotor that its unbalance turns, in a ring of radius one."""
 
-        degrees_of_freedom = 2
+    degrees_of_freedom = 2
+    loss: float = 0.5
+    flattening: float = 0.0
+    weight: float = 0.0
 
-        def kinetic(self, v: Any) -> Any:
-            return (v[0] ** 2 + v[1] ** 2) / 2
+    def kinetic(self, v: Any) -> Any:
+        return (v[0] ** 2 + v[1] ** 2) / 2
 
-        def potential(self, x: Any) -> Any:
-            return (x[0] ** 2 + x[1] ** 2) / 2
+    def potential(self, x: Any) -> Any:
+        return (x[0] ** 2 + x[1] ** 2) / 2 + self.weight * x[1]
 
-        def dissipation(self, v: Any) -> Any:
-            return (v[0] ** 2 + v[1] ** 2) / 40
+    def dissipation(self, v: Any) -> Any:
+        return self.loss * (v[0] ** 2 + v[1] ** 2) / 2
 
-        def clearance(self, x: Any) -> Any:
-            return (1 - x[0] ** 2 - x[1] ** 2) / 2
+    def clearance(self, x: Any) -> Any:
+        return (1 - x[0] ** 2 - (1 + self.flattening) * x[1] ** 2) / 2
 
-    ring = HardStop("clearance", restitution=0.7)
-    rotor = Rotor(frequency=1.3, harmonic_forces=[0.8, -0.8j], elements=[ring])
-    rubbing = rotor.attractor()
-    assert rubbing.label.kind is OrbitKind.NO_IMPACTS
-    assert rubbing.label.error == np.inf  # no proof excludes further impacts
-    with pytest.raises(NotImplementedError, match="never leave a stop along a function"):
-        rubbing.periodic_orbit()
+
+UNBALANCE, RING = 0.8, HardStop("clearance", restitution=0.7)
+
+
+def rubbing(frequency: float, **parameters: Any) -> Any:
+    """The orbit of a rotor that rubs all around its ring."""
+    forces = [UNBALANCE, -1j * UNBALANCE]
+    rotor = Rotor(frequency=frequency, harmonic_forces=forces, elements=[RING], **parameters)
+    attractor = rotor.attractor()
+    assert attractor.label.kind is OrbitKind.NO_IMPACTS
+    assert attractor.label.error == np.inf  # no proof excludes further impacts
+    return attractor.periodic_orbit()
+
+
+def test_a_rotor_that_rubs_all_around_its_ring_turns_as_in_closed_form() -> None:
+    w, c = 1.3, 0.5
+    orbit = rubbing(w, loss=c)
+    # it lags by an angle with c w = F sin(angle); changes of it are those of a pendulum
+    sine = c * w / UNBALANCE
+    cosine = np.sqrt(1 - sine**2)
+    x, v = orbit.sample(np.linspace(0.0, orbit.period, 9))
+    assert orbit.admissible
+    assert orbit.error < 1e-11
+    assert abs(np.hypot(*x.T) - 1).max() <= orbit.error
+    assert abs(x[0] @ v[0]) <= orbit.error
+    assert abs(x[0, 0] * v[0, 1] - x[0, 1] * v[0, 0] - w) <= orbit.error
+    assert abs(-UNBALANCE * x[0, 0] - c * w) <= orbit.error
+    of_angle = np.exp(np.roots([1, c, UNBALANCE * cosine]) * orbit.period)
+    assert abs(np.poly(orbit.multipliers) - np.poly([*of_angle, 0, 0])).max() < 1e-11
+
+
+def test_a_branch_of_full_rub_folds_and_loses_contact_as_in_closed_form() -> None:
+    orbit, found = rubbing(1.3), []
+    for bounds, kind in (((1.2, 1.7), BifurcationKind.SN), ((0.4, 1.31), BifurcationKind.CB)):
+        given: Any = {"step": 0.05, "largest_step": 0.2, "points": 12}
+        branch = continue_orbit(orbit, "frequency", bounds=bounds, **given)
+        found.append(next(b for b in branch.bifurcations if b.kind is kind))
+    fold, lost = found
+    assert abs(fold.value - UNBALANCE / 0.5) <= fold.error < 1e-10
+    # the ring pushes by F cos(angle) + w^2 - 1
+    w2 = np.roots([1, -2 + 0.25, 1 - UNBALANCE**2])
+    assert abs(lost.value - np.sqrt(w2.min())) <= lost.error < 1e-10
+
+
+def test_full_rub_in_a_ring_that_is_not_round_is_a_motion_along_it() -> None:
+    w, c, b, weight = 1.4, 0.3, 0.1, 0.1
+    orbit = rubbing(w, loss=c, flattening=b, weight=weight)
+    q = 1 / np.sqrt(1 + b)
+
+    def along(t: float, y: Any) -> Any:
+        """Rates of the angle and of its rate: x = (cos, q sin)."""
+        angle, rate = y
+        tangent = np.array([-np.sin(angle), q * np.cos(angle)])
+        x = np.array([np.cos(angle), q * np.sin(angle)])
+        force = UNBALANCE * np.array([np.sin(w * t), -np.cos(w * t)]) - x - [0, weight]
+        m, bend = tangent @ tangent, -x @ tangent
+        return rate, (force @ tangent - bend * rate**2) / m - c * rate
+
+    x, v = (part[0] for part in orbit.sample(np.zeros(1)))
+    angle = np.arctan2(x[1] / q, x[0])
+    tangent = np.array([-np.sin(angle), q * np.cos(angle)])
+    begin = np.array([angle, (v @ tangent) / (tangent @ tangent)])
+    given: Any = {"method": "DOP853", "rtol": 1e-13, "atol": 1e-13}
+    end = solve_ivp(along, (0, orbit.period), begin, **given).y[:, -1]
+    assert end - begin == pytest.approx([2 * np.pi, 0], abs=1e-11)
+    assert orbit.admissible

@@ -445,16 +445,6 @@ class Machine:
         """(D, D): positions are moved so that the gap is zero."""
         return np.eye(len(self._given[0])) - np.outer(self.shift(element), self.gap(element))
 
-    def laid(self, elements: Sequence[int]) -> Any:
-        """(D, D): positions and velocities are moved so that some gaps, and rates, are zero."""
-        n, rows = self.size, self._rows(tuple(elements))
-        away, out = np.linalg.pinv(rows), np.eye(len(self._given[0]))
-        for begin, own in ((0, self.gap), (n, self.rate)):
-            gaps = np.array([self.elements[k].sign * own(k) for k in elements])
-            out = out.astype(np.result_type(out, gaps))
-            out[begin : begin + n] -= away @ gaps
-        return out
-
     @_kept
     def caught(self, mode: Regimes, after: Regimes) -> Any:
         """(D, D): of what holds or sticks after an event, and not before, rates are lost.

@@ -195,8 +195,8 @@ class ImpactAttractor(Attractor):
             When the motion is still too far from the orbit, or that is one of a family, as where a
             slider of a `Jenkins` element never slips.
         NotImplementedError
-            When a mass of it rests on a preloaded stop, or it never leaves a stop along a function
-            of the coordinates; `dynkit.periodic_orbit` finds orbits of the map.
+            When a mass of it rests on a preloaded stop; `dynkit.periodic_orbit` finds orbits of the
+            map.
         """
         from dynkit.systems.impact.orbits.finding import orbit_of_motion, sticking_orbit_of
         from dynkit.systems.impact.orbits.itineraries.finding import orbit_near

@@ -25,14 +25,13 @@ from dynkit.systems.impact.orbits.itineraries.itinerary import (
 from dynkit.systems.impact.orbits.itineraries.simulated import run_for, simulated
 from dynkit.systems.impact.orbits.machine import Machine
 from dynkit.systems.impact.orbits.orbit import NONE, ImpactOrbit
-from dynkit.systems.impact.simulation.sampling import sample_run
+from dynkit.systems.impact.simulation.sampling import sample_run, sample_sliders
 from dynkit.systems.impact.simulation.state import TWO_PI, ImpactState
-from dynkit.systems.impact.simulation.trajectory import Trajectory
+from dynkit.systems.impact.simulation.trajectory import Ending, Trajectory
 
 if TYPE_CHECKING:
     from dynkit.systems.impact.impact_map import ImpactMap
 
-_RUBS = "orbits that never leave a stop along a function of the coordinates are not solved for"
 _FAMILY = (
     "no isolated periodic orbit found from the guess: it is one of a family, as where friction "
     "never slips, or nothing damps the motion"
@@ -66,7 +65,7 @@ def orbit_near(system: ImpactMap, state: ImpactState, periods: int) -> ImpactOrb
     Raises
     ------
     NotImplementedError
-        Where what an element does is not known, or a stop along a function never opens.
+        Where what an element does is not known.
     NoConvergence
         When the motion is too far from an orbit, or the orbit is one of a family.
     """
@@ -99,15 +98,15 @@ def _of_contact(seen: Seen, length: float, turn: float) -> Seen:
 
 
 def _quiet(system: ImpactMap, state: ImpactState, periods: int) -> Seen:
-    """A motion in which nothing happens, at the begin of each period."""
-    marked, states = [], []
-    for _ in range(periods):
-        run = system._run(state, 1, store=True)
-        state = run.final
-        marked.append(Happening(regimes_of(system, run.regimes[run.segments.mode[-1]]), -1, 0))
-        states.append(np.concatenate([state.position, state.velocity, state.sliders]))
-    times = np.arange(float(periods)) * (TWO_PI / system.frequency)
-    return Seen(times, tuple(marked), np.array(states))
+    """A motion in which nothing happens, at the begin of each period; settled, where it may be."""
+    turn = TWO_PI / system.frequency
+    run, begins = run_for(system, state, periods * turn), turn * np.arange(float(periods))
+    late = (-state.phase % TWO_PI) / system.frequency
+    if run.ending is Ending.SEARCH_LIMIT and system.engine == "Taylor":
+        late += _TRANSIENT * turn
+    states = *sample_run(system, run, late + begins), sample_sliders(system, run, late + begins)
+    marked = Happening(regimes_of(system, run.regimes[run.segments.mode[-1]]), -1, 0)
+    return Seen(begins, (marked,) * periods, np.concatenate(states, axis=1))
 
 
 def guess_of(
@@ -129,9 +128,6 @@ def guess_of(
     """
     if quiet := not len(seen.events):
         seen = _quiet(system, state, periods)
-    closed = set(system._curves).intersection(*(event.mode.held for event in seen.events))
-    if any(k < len(system._stops) for k in closed):
-        raise NotImplementedError(_RUBS)
     if sizes is None:
         sizes = _sizes(system, state, seen, length)
     for k in system._automaton.sliders:

@@ -254,11 +254,13 @@ class TaylorFlights:
         return value + 1j * (row @ z.imag + STEP * by), row
 
     def seen(self, element: int, guard: int, states: Array) -> tuple[Array, Array]:
-        """What an element watches at states (n, D), and its derivatives (n, D), or (D,)."""
-        if not self._watch(element, guard).force:
+        """What an element watches at states (n, D), and its derivatives (n, D), or (D,) of one."""
+        watch = self._watch(element, guard)
+        if not watch.force:
             return self.observed(element, guard, states)
-        found = [self.observed(element, guard, z) for z in states]
-        return np.array([value for value, _ in found]), np.array([row for _, row in found])
+        number = self._guard(element, watch)
+        values = [self.mode.watched(number, self.short(z))[0] for z in states]
+        return np.array(values), self.observed(element, guard, states[len(states) // 2])[1]
 
     def _along(self, k: int, z: Any, row: Any, gap: Any, rate: Any) -> tuple[Any, Any]:
         """What a row makes of states (..., D), and its derivative, with what functions add."""
@@ -421,6 +423,20 @@ class TaylorFlights:
 
 
 Flights = LinearFlights | TaylorFlights
+
+
+def laid(flights: Flights, closed: Sequence[int], z: Any) -> tuple[Any, Any]:
+    """A state (D,) moved so that gaps and their rates are zero, and derivative (D, D) by `z`.
+
+    Along functions by a step of Newton's method, which is exact for states that are there.
+    """
+    n, by = flights.machine.size, np.eye(len(z))
+    for begin, seen in ((0, flights.gap_of), (n, flights.rate_of)) if closed else ():
+        gaps, rows = map(np.array, zip(*(seen(k, z) for k in closed), strict=True))
+        away = np.zeros((len(z), len(closed)))
+        away[begin : begin + n] = np.linalg.pinv(rows[:, begin : begin + n].real)
+        z, by = z - away @ gaps, by - away @ (rows.real @ by)
+    return z, by
 
 
 def _phase(z: Any) -> Any:

@@ -15,7 +15,7 @@ from dynkit.orbits.newton import NoSolution
 from dynkit.systems.impact.orbits.itineraries import divided
 from dynkit.systems.impact.orbits.itineraries.chatter import Chatter
 from dynkit.systems.impact.orbits.itineraries.crossings import factors_of
-from dynkit.systems.impact.orbits.itineraries.flying import Flights
+from dynkit.systems.impact.orbits.itineraries.flying import Flights, laid
 from dynkit.systems.impact.orbits.itineraries.itinerary import Course
 from dynkit.systems.impact.orbits.itineraries.motion import ItinerarySolution, Lap
 from dynkit.systems.impact.orbits.itineraries.simulated import is_motion
@@ -158,7 +158,7 @@ class ShootingSolution(ItinerarySolution):
         With `_flown` and `chatters`.
         """
         n, d, m = self.events, self.dimension, self.machine
-        unit, kind = np.eye(d + 3), np.result_type(m.frequency)
+        kind = np.result_type(m.frequency)
         before, after, reached = np.empty((3, n, d + 3), dtype=kind)
         flown, chatters = np.zeros((n, d + 3, d + 3), dtype=kind), {}
         state: Any = None
@@ -171,11 +171,12 @@ class ShootingSolution(ItinerarySolution):
                 flights = self.flights(event.kicked)
                 self._kicks[i] = flights.kick(event.element, before[i], event.rubs)
                 pushed = pushed + self.impulses[self.impulse_of[i]] * self._kicks[i]
-            laid = m.laid(self._closed) if node and self._closed else unit
+            pushed, by = laid(self._modes[i], self._closed if node else (), pushed)
             if event.kicked and event.rubs:
-                laid = m.stopped(event.kicked, event.rubs) @ laid
-            after[i], put = self._modes[i].begun(event, laid @ pushed)
-            self._put[i] = put @ laid.real
+                stopped = m.stopped(event.kicked, event.rubs)
+                pushed, by = stopped @ pushed, stopped.real @ by
+            after[i], put = self._modes[i].begun(event, pushed)
+            self._put[i] = put @ by
             start, lasts = after[i], self.durations[i]
             if event.chatters:
                 chatters[i] = self._chatter(i, after[i])

@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 
 from dynkit.core.no_motion import NoMotion
+from dynkit.systems.impact.orbits.itineraries.flying import laid
 from dynkit.systems.impact.orbits.itineraries.happening import Happening
 from dynkit.systems.impact.orbits.itineraries.itinerary import Seen, events_seen
 from dynkit.systems.impact.orbits.itineraries.motion import SAME
@@ -58,9 +59,8 @@ def _comes_again(s: Any) -> bool:
     (z,) = s.passed(np.array([since]))
     phase = float(s.event_phases[0]) + clock * since if s.driven else 0.0
     closed = [k for k in s.following[i].mode.held if k < len(s.oscillator._stops)]
-    if closed:  # not off them by rounding
-        whole = np.append(z, [np.sin(phase), np.cos(phase), 1.0])
-        z = (s.machine.laid(closed) @ whole)[:-3]
+    whole = np.append(z, [np.sin(phase), np.cos(phase), 1.0])
+    z = laid(s.flights(s.following[i].mode), closed, whole)[0][:-3]  # not off them by rounding
     start = s.oscillator.state(z[:n], z[n : 2 * n], phase % TWO_PI, z[2 * n :])
     seen = simulated(s.oscillator, start, s.period)
     due = (times - since) % s.period
