@@ -21,10 +21,6 @@ LARGE = 50
 FEW = 4
 """Only for orbits of at most so many impacts, whose jumps are of low rank together."""
 
-WELL = 1000.0
-"""Matrices are multiplied with one another up to this condition number: that changes multipliers by
-less than errors of their entries do, see `factors`."""
-
 _STEPS, _TOLERANCE, _AGREEMENT = 100, 1e-14, 1e-9
 
 
@@ -41,11 +37,6 @@ def multipliers(solution: ResponseSolution) -> Any:
         roots = _secular(flights, _jumps(solution.windows, sides, numbers))
         if roots is not None:
             return roots[np.lexsort((-roots.imag, -abs(roots)))]
-    if not len(flights.linked):
-        blocks = np.ascontiguousarray(flights.own[..., slots]).reshape(len(sides), 4, -1)
-        product, condition = _product(solution.windows, blocks, sides, numbers)
-        if condition <= WELL:
-            return product_eigenvalues(product[None])
     return product_eigenvalues(_struck(solution, flights.matrices(slots), sides, numbers))
 
 
@@ -94,17 +85,6 @@ def _passages(solution: ResponseSolution) -> tuple[Transitions, Any, Array]:
     bends = solution.gaps[2] - solution.impulses * windows.turns[sides]
     ends = np.append(order[1:], order[:1])
     return flights, sides[ends], saltation(r, rates, bends)[ends]
-
-
-def _product(windows: Windows, blocks: Array, sides: Any, numbers: Array) -> tuple[Array, float]:
-    """Product (2N, 2N) of flights (n, 4, N) and the impacts after them, and its `multiply`."""
-    from dynkit.systems.impact.orbits.itineraries.monodromy_kernels import multiply
-
-    size = 2 * blocks.shape[2]
-    factor, product = np.empty((2, size, size))
-    own = windows.vectors, windows.turns, sides, numbers
-    condition = multiply(blocks, *own, np.empty((1, *blocks.shape[1:])), factor, product)
-    return product.T, condition
 
 
 def _jumps(windows: Windows, sides: Any, numbers: Array) -> list[tuple[Array, Array]]:
