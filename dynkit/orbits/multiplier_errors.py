@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 
 from dynkit.core.validation import Array
+from dynkit.orbits.equations import Problem
 from dynkit.orbits.multipliers import MARGIN, PROBES, disturbed_eigenvalues
 from dynkit.orbits.newton import NoSolution
 
@@ -15,19 +16,7 @@ _ROUNDING = 2.0**-52
 _SMALLEST = 2.0**-1074
 
 
-class ProductOfFactors(Protocol):
-    """Spectra of solutions, and the matrices whose product has them; see `Problem`."""
-
-    def factors(self, x: Array, p: Array, /) -> tuple[Array, Array] | None:
-        """Return the matrices, (n, d, d), and errors of their entries, (n,); None if unknown."""
-
-    def spectrum(self, x: Array, p: Array, /) -> Any:
-        """Return the multipliers or eigenvalues, complex."""
-
-
-def multiplier_errors(
-    problem: ProductOfFactors, x: Array, p: Array, found: Any, moved: Array
-) -> Array:
+def multiplier_errors(problem: Problem, x: Array, p: Array, found: Any, moved: Array) -> Array:
     """Return the error of each multiplier found, (d,); infinite where it is not known.
 
     It is four times the largest change in a few trials: unknowns and parameters are disturbed by
@@ -49,7 +38,7 @@ def multiplier_errors(
     return np.asarray(MARGIN * (worst + _ROUNDING * abs(found)))
 
 
-def _disturbed(problem: ProductOfFactors, x: Array, p: Array, random: np.random.Generator) -> Any:
+def _disturbed(problem: Problem, x: Array, p: Array, random: np.random.Generator) -> Any:
     known = problem.factors(x, p)
     if known is None:
         return problem.spectrum(x, p)

@@ -4,12 +4,15 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from enum import Enum
-from typing import Any, NamedTuple, Protocol, final
+from typing import TYPE_CHECKING, Any, NamedTuple, final
 
 import numpy as np
 from scipy.linalg.lapack import dgesv
 
 from dynkit.core.validation import Array
+
+if TYPE_CHECKING:
+    from dynkit.orbits.equations import Problem
 
 ROUNDING = 2.0**-52
 # Residuals below the first are rounding; a solution has a residual below the second.
@@ -273,30 +276,11 @@ def error_bound(
     return bound
 
 
-class OrbitProblem(Protocol):
-    """Equations F(x, p) = 0 of orbits with parameters p; see `dynkit.orbits.equations.Problem`."""
-
-    def residual(self, x: Array, p: Array, /) -> Array:
-        """Return F, (m,)."""
-
-    def linearization(self, x: Array, p: Array, /) -> Any:
-        """Return the derivative of F by x, (m, m)."""
-
-    def linearization_error(self, x: Array, p: Array, /) -> Any:
-        """Return the error of the derivative beyond rounding, (m, m), or zero."""
-
-    def scale(self, x: Array, /) -> Array:
-        """Return typical sizes of the unknowns, (m,)."""
-
-    def rounding(self, x: Array, p: Array, /) -> Array:
-        """Return the rounding error of each equation, (m,)."""
-
-
 @final
 class FixedParameters(Equations):
     """Equations of one orbit at given parameters."""
 
-    def __init__(self, problem: OrbitProblem, p: Array) -> None:
+    def __init__(self, problem: Problem, p: Array) -> None:
         self._problem = problem
         self._p = p
 
@@ -316,7 +300,7 @@ class FixedParameters(Equations):
         return self._problem.linearization_error(y, self._p)
 
 
-def orbit_bound(problem: OrbitProblem, x: Array, p: Array) -> Array:
+def orbit_bound(problem: Problem, x: Array, p: Array) -> Array:
     """Return the `error_bound` (m,) of the unknowns of one orbit at given parameters.
 
     Raises
@@ -329,7 +313,7 @@ def orbit_bound(problem: OrbitProblem, x: Array, p: Array) -> Array:
 
 
 def solve(
-    problem: OrbitProblem, guess: Array, p: Array, what: str = "no periodic orbit"
+    problem: Problem, guess: Array, p: Array, what: str = "no periodic orbit"
 ) -> tuple[Array, tuple[float, ...]]:
     """Return the unknowns of one solution at given parameters, and the history of residuals.
 
