@@ -35,8 +35,7 @@ def product_eigenvalues(factors: Any) -> Any:
     -------
     (d,) complex array
         The largest modulus first. Complex ones form exact conjugate pairs, the positive imaginary
-        part first. Beyond the range of floats they are infinite or zero; see
-        `log_product_eigenvalues`.
+        part first. Beyond the range of floats they are infinite or zero.
 
     Raises
     ------
@@ -82,22 +81,6 @@ def disturbed_eigenvalues(factors: Array, errors: Array, random: np.random.Gener
     return product_eigenvalues(factors + errors[:, None, None] * changes)
 
 
-def log_product_eigenvalues(factors: Any) -> Any:
-    """Return the logarithms of `product_eigenvalues`, (d,) complex, whatever their size.
-
-    Their real parts are the logarithms of the moduli, minus infinity for zeros.
-
-    Examples
-    --------
-    >>> log_product_eigenvalues([np.diag([1e300, 1.0])] * 10)
-    array([6907.75527898+0.j,    0.        +0.j])
-    """
-    mantissas, exponents = _eigenvalues(factors)
-    with np.errstate(divide="ignore"):
-        sizes = np.log(abs(mantissas)) + exponents * np.log(2.0)
-    return sizes + 1j * np.angle(mantissas)
-
-
 def _checked(factors: Any) -> Array:
     a = finite_array("factors", factors, (None, None, None))
     n, d, width = a.shape
@@ -109,13 +92,10 @@ def _checked(factors: Any) -> Array:
 def _eigenvalues(factors: Any) -> tuple[Any, Any]:
     """Return mantissas, (d,) complex, and exponents of two, (d,), sorted."""
     a = _checked(factors)
-    n, d, _ = a.shape
     _, sizes = np.frexp(abs(a).max(axis=(1, 2)))
     a = np.ldexp(a, -sizes[:, None, None])
-    if d == 1:
+    if a.shape[1] == 1:
         mantissas, exponents = _product(a[:, 0, 0])
-    elif n == 1:
-        mantissas, exponents = _normalized(np.linalg.eigvals(a[0]).astype(complex))
     else:
         mantissas, exponents = _closed_under_conjugation(*_by_periodic_qr(a))
     return _sorted(mantissas, exponents + int(sizes.sum()))
@@ -127,12 +107,6 @@ def _product(numbers: Array) -> tuple[Any, Any]:
         mantissa, more = np.frexp(mantissa * number)
         exponent += int(more)
     return np.array([mantissa], dtype=complex), np.array([exponent])
-
-
-def _normalized(values: Any) -> tuple[Any, Any]:
-    _, exponents = np.frexp(abs(values))
-    real, imag = np.ldexp(values.real, -exponents), np.ldexp(values.imag, -exponents)
-    return real + 1j * imag, exponents.astype(np.int64)
 
 
 def _by_periodic_qr(a: Array) -> tuple[Any, Any]:
