@@ -6,21 +6,22 @@ from collections.abc import Iterator
 from typing import TYPE_CHECKING, Any, final
 
 import numpy as np
+from scipy.optimize import brentq
 
 from dynkit.continuation.lines import nodes_of
 from dynkit.continuation.orbit_equations import OrbitEquations
 from dynkit.continuation.points import SAME
 from dynkit.core.validation import Array
-from dynkit.orbits.newton import FixedParameters, correct
+from dynkit.orbits.newton import FixedParameters, NoConvergence, correct
 from dynkit.orbits.problem import PeriodicOrbit
 
 if TYPE_CHECKING:
     from dynkit.continuation.branch import Branch
     from dynkit.orbits.equations import ProblemSolution
 
-# Most iterations for a place between two nodes; largest difference of equal values of the
-# parameter, relative to its range.
-_STEPS, _RESOLVED = 60, 1e-13
+# Largest difference of equal values of the parameter, relative to its range; largest part of the
+# way between two nodes, or length of this way, that is none.
+_RESOLVED, _SHORT = 1e-13, 1e-12
 
 
 @final
@@ -96,41 +97,28 @@ class Trail:
                 yield x, (float(abs(self._problem.residual(x, p)).max()),)
 
     def _solution(self, i: int, value: float) -> Array | None:
-        """Return the solution (m,) between nodes i and i + 1 at a value of the parameter.
-
-        The method is the Illinois variant of false position along the line between the nodes.
-        """
+        """Return the solution (m,) between nodes i and i + 1 at a value of the parameter."""
         a, b = self._nodes[i], self._nodes[i + 1]
         scale = self._equations.scale(a)
         row = (b - a) / scale
-        length = float(np.sqrt(row @ row))
-        if length <= 1e-12:
+        length = float(np.linalg.norm(row))
+        if length <= _SHORT:
             return np.asarray(a[:-1])
-        row /= length
-        (low, f_low), (high, f_high) = (0.0, float(a[-1] - value)), (1.0, float(b[-1] - value))
-        limit = _RESOLVED * self._width
-        for f, y in ((f_low, a), (f_high, b)):
-            if abs(f) <= limit:
-                return np.asarray(y[:-1])
-        last = 0
-        for _ in range(_STEPS):
-            part = (low * f_high - high * f_low) / (f_high - f_low)
-            if not low < part < high:
-                part = 0.5 * (low + high)
-            found = correct(self._equations, a + part * (b - a), scale, row)
-            if not found.converged:
-                return None
-            f = float(found.y[-1] - value)
-            if abs(f) <= limit or high - low <= 1e-12:
-                return np.asarray(found.y[:-1])
-            # halve the value at an end that is kept twice, as the Illinois variant does
-            end = 1 if (f < 0.0) == (f_high < 0.0) else -1
-            if end > 0:
-                high, f_high, f_low = part, f, 0.5 * f_low if end == last else f_low
-            else:
-                low, f_low, f_high = part, f, 0.5 * f_high if end == last else f_high
-            last = end
-        return None
+        points = {0.0: a, 1.0: b}
+
+        def beyond(part: float) -> float:
+            if part not in points:
+                found = correct(self._equations, a + part * (b - a), scale, row / length)
+                if not found.converged:
+                    raise NoConvergence(found.message)
+                points[part] = found.y
+            gap = float(points[part][-1] - value)
+            return gap if abs(gap) > _RESOLVED * self._width else 0.0
+
+        try:
+            return np.asarray(points[brentq(beyond, 0.0, 1.0, xtol=_SHORT)][:-1])
+        except NoConvergence:
+            return None
 
 
 def _same(orbit: PeriodicOrbit, other: PeriodicOrbit, on_planes: bool) -> bool:
