@@ -39,12 +39,16 @@ _CHUNK, _MOST = 1_000, 200_000
 """Steps of one call, and of one flight, of Taylor's method."""
 
 
+def _heyoka() -> Any:
+    from dynkit.systems.symbolic.taylor import heyoka
+
+    return heyoka("a structure whose energies are not quadratic")
+
+
 @lru_cache(_MOST_KEPT)
 def _integrator(plan: Plan) -> Any:
     """Integrator of a plan, whose events are the guards."""
-    from dynkit.systems.symbolic.taylor import heyoka
-
-    hy = heyoka("a structure whose energies are not quadratic")
+    hy = _heyoka()
     variables, rates, guards = system_of(hy, plan)
     down = hy.event_direction.negative
     return hy.taylor_adaptive(
@@ -52,21 +56,6 @@ def _integrator(plan: Plan) -> Any:
         [0.0] * len(variables),
         compact_mode=len(variables) > _LARGE,
         t_events=[hy.t_event(guard, direction=down, cooldown=0.0) for guard in guards],
-    )
-
-
-@lru_cache(_MOST_KEPT)
-def _variations(plan: Plan) -> Any:
-    """The same, with derivatives by the state and by the phase."""
-    from dynkit.systems.symbolic.taylor import heyoka
-
-    hy = heyoka("a structure whose energies are not quadratic")
-    variables, rates, _ = system_of(hy, plan)
-    system = hy.var_ode_sys(list(zip(variables, rates, strict=True)), [*variables, hy.par[0]])
-    return hy.taylor_adaptive(
-        system,
-        [0.0] * len(variables),
-        compact_mode=plan.eliminates or len(system.sys) > _LARGE,
     )
 
 
@@ -78,15 +67,15 @@ def _moved(hy: Any, plan: Plan, places: tuple[int, ...], given: list[Any]) -> tu
 
 
 @lru_cache(_MOST_KEPT)
-def _changing(plan: Plan, places: tuple[int, ...]) -> Any:
-    """The same, with the derivative by a change of some numbers."""
-    from dynkit.systems.symbolic.taylor import heyoka
-
-    hy = heyoka("a structure whose energies are not quadratic")
+def _variations(plan: Plan, places: tuple[int, ...] | None = None) -> Any:
+    """The same, with derivatives by the state and by the phase, or by a change of some numbers."""
+    hy = _heyoka()
     variables, rates, _ = system_of(hy, plan)
-    rates, part = _moved(hy, plan, places, rates)
-    pairs = list(zip(variables, rates, strict=True))
-    system = hy.var_ode_sys(pairs, [part])
+    by = [*variables, hy.par[0]]
+    if places is not None:
+        rates, part = _moved(hy, plan, places, rates)
+        by = [part]
+    system = hy.var_ode_sys(list(zip(variables, rates, strict=True)), by)
     large = plan.eliminates or len(system.sys) > _LARGE
     return hy.taylor_adaptive(system, [0.0] * len(variables), compact_mode=large)
 
@@ -97,9 +86,7 @@ def _gradients(plan: Plan, places: tuple[int, ...] | None, *, rates: bool) -> An
 
     By the coordinates and the phase, or by a change of some numbers.
     """
-    from dynkit.systems.symbolic.taylor import heyoka
-
-    hy = heyoka("a structure whose energies are not quadratic")
+    hy = _heyoka()
     variables, *own = system_of(hy, plan)
     given = own[0 if rates else 1]
     by = [*variables, hy.par[0]]
@@ -113,9 +100,7 @@ def _gradients(plan: Plan, places: tuple[int, ...] | None, *, rates: bool) -> An
 @cache
 def _outcomes() -> tuple[int, int, int]:
     """Numbers of heyoka for a full step, the limit of steps, and the end of the duration."""
-    from dynkit.systems.symbolic.taylor import heyoka
-
-    known: Any = heyoka().taylor_outcome
+    known = _heyoka().taylor_outcome
     return int(known.success), int(known.step_limit), int(known.time_limit)
 
 
@@ -186,27 +171,28 @@ class Chart:
         self.lock = RLock()
         self._plain = bool((self.to_x == np.eye(len(self.to_x))).all()) and not plan.rubs
 
+    def _with_numbers(self, compiled: Any) -> Any:
+        """A copy of an integrator, with the numbers put in."""
+        made = copy.copy(compiled)
+        made.pars[:] = self._pars[: len(made.pars)]
+        return made
+
     @cached_property
     def integrator(self) -> Any:
         """An integrator of its own, with the numbers put in."""
-        made = copy.copy(_integrator(self.plan))
-        made.pars[:] = self._pars[: len(made.pars)]
+        made = self._with_numbers(_integrator(self.plan))
         self._pars_of, self._state_of = made.pars, made.state
         return made
 
     @cached_property
     def variations(self) -> Any:
         """An integrator of derivatives, without events, with the numbers put in."""
-        made = copy.copy(_variations(self.plan.without_guards))
-        made.pars[:] = self._pars[: len(made.pars)]
-        return made
+        return self._with_numbers(_variations(self.plan.without_guards))
 
     @cached_property
     def eventless(self) -> Any:
         """An integrator without events, with the numbers put in."""
-        made = copy.copy(_integrator(self.plan.without_guards))
-        made.pars[:] = self._pars[: len(made.pars)]
-        return made
+        return self._with_numbers(_integrator(self.plan.without_guards))
 
     def shifts(self, sine: Any, cosine: Any, one: Any = 1.0) -> tuple[Any, Any]:
         """What the motion of elements adds to bare coordinates, (..., N + J) and (..., N).
@@ -423,7 +409,7 @@ class Chart:
         plain, m = self.plan.without_guards, len(self.to_x) + self._size
         places = tuple(np.flatnonzero(change[: plain.size]).tolist())
         if places not in self._changing:
-            self._changing[places] = copy.copy(_changing(plain.where(places), places))
+            self._changing[places] = copy.copy(_variations(plain.where(places), places))
         made = self._changing[places]
         pars = np.concatenate([self._pars[: plain.size], [0.0], change[list(places)]])
         pars[0], made.time = math.atan2(sine, cosine), 0.0
