@@ -210,11 +210,11 @@ def _classes() -> Any:
             return 0
 
     class Apart(Linked):
-        def _optimize_functions(self, module: Any) -> None:
+        def add_ir_module(self, module: Any) -> None:
             for function in module.functions:
                 if not function.is_declaration:
-                    function.add_function_attribute(apart.decode())
-            super()._optimize_functions(module)
+                    function.attributes.add(apart.decode())
+            super().add_ir_module(module)
 
     class Compiling(pipeline):  # type: ignore[misc]
         library: type = Entry
