@@ -371,7 +371,7 @@ class Trajectory:
             ends[own[:-1]] = s.time[own[1:]]
         return np.stack([s.time[held] + s.rest[held], ends[held]], axis=1)
 
-    @property
+    @cached_property
     def before(self) -> Indices:
         """Number of the point after which each contact begins."""
         return np.asarray(self.switches.before[self._held])
@@ -389,7 +389,8 @@ class Trajectory:
     @property
     def durations(self) -> tuple[Array, Array]:
         """Durations (n,) of the flights before impacts, and (j,) of the contacts before flights."""
-        count, flights = self.ended, np.diff(self.time, prepend=0.0)
+        count, flights = self.ended, self.time.copy()
+        flights[1:] -= self.time[:-1]
         before = self.before[:count]
         held = self.contacts[:count, 1] - self.times[before]
         flights[before] -= held
