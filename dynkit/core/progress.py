@@ -9,12 +9,13 @@ from typing import Any
 _QUIET, _OFTEN = 2.0, 0.1
 
 
-def late_bar(what: str, unit: str, total: int | None = None) -> Any:
-    """Return a bar of tqdm on standard error, where this is a terminal.
+def late_bar(what: str, unit: str, total: int | None = None, *, shown: bool = True) -> Any:
+    """Return a bar of tqdm on standard error, where this is a terminal and it is to be shown.
 
     It appears after two seconds, and is removed at the end.
     """
     from tqdm import tqdm
 
-    how: dict[str, Any] = {"delay": _QUIET, "mininterval": _OFTEN, "leave": False, "disable": None}
+    how: dict[str, Any] = {"delay": _QUIET, "mininterval": _OFTEN, "leave": False}
+    how["disable"] = None if shown else True
     return tqdm(desc=what, unit=f" {unit}", total=total, file=sys.stderr, **how)

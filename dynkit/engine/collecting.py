@@ -298,10 +298,9 @@ class _Bar:
             self._bar.close()
 
     def show(self, findings: Findings, rows: Rows) -> None:
-        done = int(findings.done.sum())
-        if self._bar is None or (time.monotonic() < self._due and done < findings.count):
+        if self._bar is None or (time.monotonic() < self._due and not findings.done.all()):
             return
-        self._bar.update(done - self._bar.n)
+        self._bar.update(int(findings.done.sum()) - self._bar.n)
         if rows.note is not None:
             self._bar.set_postfix_str(rows.note())
         self._due = time.monotonic() + _INTERVAL

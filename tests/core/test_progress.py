@@ -5,7 +5,7 @@ import sys
 
 import pytest
 
-from dynkit import continue_orbit, find_orbits, periodic_orbit
+from dynkit import basins, continue_orbit, find_orbits, periodic_orbit
 from dynkit.core import progress
 from dynkit.systems import Henon, ImpactChain, SingleImpactOscillator, SoftStop
 
@@ -38,3 +38,15 @@ def test_branches_and_searches_show_how_far_they_are(
         count = sum(found in line for line in lines)
         assert count >= bars if shown else not count
     assert not lines[-1].strip()
+
+
+@pytest.mark.parametrize("asked", [True, False])
+def test_the_comparison_of_chaotic_starts_shows_how_far_it_is(
+    asked: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    stderr = Terminal()
+    monkeypatch.setattr(progress, "_QUIET", 1e-9)
+    monkeypatch.setattr(progress, "_OFTEN", 0.0)
+    monkeypatch.setattr(sys, "stderr", stderr)
+    basins(Henon(), [(0.0, 0.0), (0.1, 0.1)], transient=100, progress=asked)
+    assert ("comparison" in stderr.getvalue()) == asked

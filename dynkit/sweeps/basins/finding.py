@@ -125,6 +125,6 @@ def basins(
     )
     points = Starts(look, rows, executor)
     found = collect(points, executor=executor, store=store, progress=progress)
-    numbers, basins = group_starts(look, found, rows, given.shape[:-1], executor)
+    numbers, basins = group_starts(look, found, rows, given.shape[:-1], executor, progress=progress)
     cost = points.sampling + found.cost
     return Basins(rows.reshape(given.shape), numbers, basins, cost, look)

@@ -10,8 +10,9 @@ from typing import TYPE_CHECKING, final
 import numpy as np
 from numpy.typing import NDArray
 
+from dynkit.core.progress import late_bar
 from dynkit.core.validation import Array
-from dynkit.engine.executors import all_finished
+from dynkit.engine.executors import finished
 from dynkit.engine.points import Rows, chunks_of
 from dynkit.labels.columns import KINDS, label_in
 from dynkit.labels.label import OrbitKind, OrbitLabel
@@ -48,14 +49,20 @@ class Found:
 
 
 def group_starts(
-    look: Look, rows: Rows, starts: Array, shape: tuple[int, ...], executor: Executor | None
+    look: Look,
+    rows: Rows,
+    starts: Array,
+    shape: tuple[int, ...],
+    executor: Executor | None,
+    *,
+    progress: bool,
 ) -> tuple[NDArray[np.int64], tuple[Basin, ...]]:
     """Return the number of each start's attractor, and the basins in the order of the starts.
 
     Numbers below zero are those of `dynkit.sweeps.basins.classification.OTHER_ENDS`.
     """
-    chaos, rows = _filled(OrbitKind.CHAOTIC, look, rows, executor)
-    curves, rows = _filled(OrbitKind.QUASI_PERIODIC, look, rows, executor)
+    chaos, rows = _filled(OrbitKind.CHAOTIC, look, rows, executor, progress)
+    curves, rows = _filled(OrbitKind.QUASI_PERIODIC, look, rows, executor, progress)
     groups = [*chaos, *curves, *orbits_in(look, rows, starts), *_rests(rows)]
     kinds: NDArray[np.int64] = rows.arrays["kind"]
     numbers = np.where(kinds < 0, kinds, UNSETTLED)
@@ -130,7 +137,7 @@ def nearest(look: Look, reference: Array, states: Array) -> Array:
 
 
 def _filled(
-    kind: OrbitKind, look: Look, rows: Rows, executor: Executor | None
+    kind: OrbitKind, look: Look, rows: Rows, executor: Executor | None, progress: bool
 ) -> tuple[list[_Group], Rows]:
     """Return the attractors of a kind that fills sets, and the rows updated by later motions."""
     finals, groups, ended = rows.arrays["final"], [], {}
@@ -147,7 +154,7 @@ def _filled(
         states = motion.states
         reference, own = states[:_REFERENCE], states[_REFERENCE:]
         limit = _FACTOR * float(np.median(nearest(look, reference, own)))
-        same = _medians(look, reference, finals[left], executor) <= limit
+        same = _medians(look, reference, finals[left], executor, progress) <= limit
         same[0] = True
         found = Found(first, label_at(rows, first), rows.texts["ending"][first], reference)
         groups.append((found, left[same]))
@@ -166,10 +173,17 @@ def _changed(rows: Rows, changes: Mapping[int, Rows]) -> Rows:
     return Rows(arrays, texts, rows.cost)
 
 
-def _medians(look: Look, reference: Array, finals: Array, executor: Executor | None) -> Array:
+def _medians(
+    look: Look, reference: Array, finals: Array, executor: Executor | None, progress: bool
+) -> Array:
     """Return the median distances (k,) of motions from packed states (k, p) to an attractor."""
-    tasks = [finals[slice(*chunk)] for chunk in chunks_of(len(finals))]
-    return np.concatenate(all_finished(_Compared(look, reference), tasks, executor))
+    chunks, medians = chunks_of(len(finals)), np.empty(len(finals))
+    tasks = [finals[slice(*chunk)] for chunk in chunks]
+    with late_bar("comparison", "start", len(finals), shown=progress) as bar:
+        for number, found in finished(_Compared(look, reference), tasks, executor):
+            medians[slice(*chunks[number])] = found
+            bar.update(len(found))
+    return medians
 
 
 @final
