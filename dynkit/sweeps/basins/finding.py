@@ -75,7 +75,8 @@ def basins(
         An HDF5 file that keeps finished starts, as for `dynkit.sweep`: the same call resumes it,
         with any executor.
     progress : bool
-        Whether to show a bar on standard error.
+        Whether to show a bar on standard error; on a terminal also while chaotic motions are
+        compared.
 
     Returns
     -------
