@@ -67,12 +67,7 @@ def search(oscillator: ImpactMap, impacts: object, periods: object) -> OrbitSear
                     found.add(problem, guess)
         if n > 1:
             parts = list(found.counted(_simulated(oscillator)))
-            counts |= {"starts": 1 + RANDOM, "impacts": sum(len(part) for part in parts)}
-            counts["returns"] = sum(
-                add_returns(found, part, impacts_of, m, _near)
-                for impacts_of in range(2, n + 1)
-                for part in parts
-            )
+            counts |= from_returns(found, parts, range(2, n + 1), m, _near) | {"starts": 1 + RANDOM}
     return result_of(oscillator, found, parts, (n, m), counts, began)
 
 
@@ -120,7 +115,15 @@ def _simulated(oscillator: ImpactMap) -> Iterator[ImpactRecord]:
         yield oscillator.simulate(impacts=PART, start=oscillator.impact_state(start))
 
 
-def add_returns(
+def from_returns(
+    found: Found, parts: list[ImpactRecord], impacts: range, periods: int, guessed: Guessed
+) -> dict[str, int]:
+    """Try returns after each number of impacts; how many impacts and returns there were."""
+    tried = [_add_returns(found, part, n, periods, guessed) for n in impacts for part in parts]
+    return {"impacts": sum(map(len, parts)), "returns": sum(tried)}
+
+
+def _add_returns(
     found: Found, record: ImpactRecord, impacts: int, periods: int, guessed: Guessed
 ) -> int:
     """Try the closest returns after so many impacts and up to so many periods; return how many.

@@ -6,9 +6,6 @@ from typing import Any, final
 
 from dynkit.systems.impact.simulation.automaton import Automaton
 
-_KEPT = "modes", "guards", "regimes", "parts", "sliders", "beside"
-"""Attributes that an automaton never replaces: read here, they cost no further call."""
-
 
 @final
 class Rebounding:
@@ -28,8 +25,9 @@ class Rebounding:
         self._restitution = restitution
         self._given: Any = None
         self._tables: Any = None
-        for name in _KEPT:
-            setattr(self, name, getattr(shared, name))
+        # what an automaton never replaces, and simulations read often
+        self.modes, self.guards, self.regimes = shared.modes, shared.guards, shared.regimes
+        self.parts, self.beside = shared.parts, shared.beside
 
     def __getattr__(self, name: str) -> Any:
         return getattr(self._shared, name)

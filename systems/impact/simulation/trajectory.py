@@ -101,10 +101,7 @@ class Impacts:
 
     def part(self, low: int, high: int) -> Impacts:
         """The impacts from number `low` to number `high` - 1."""
-        now = slice(low, high)
-        return Impacts(
-            self.time[now], self.speed[now], self.guard[now], self.states[now], self.turn[now]
-        )
+        return Impacts(*(array[low:high] for array in vars(self).values()))
 
 
 @final
@@ -136,14 +133,7 @@ class Switches:
 
     def until(self, count: int) -> Switches:
         """The first changes, `count` of them."""
-        return Switches(
-            self.time[:count],
-            self.rest[:count],
-            self.speed[:count],
-            self.before[:count],
-            self.guard[:count],
-            self.states[:count],
-        )
+        return Switches(*(array[:count] for array in vars(self).values()))
 
 
 @final
