@@ -88,7 +88,7 @@ def _go_on(
     chunks = chunks_of(len(points), chained=points.chained)
     left = [chunk for chunk in chunks if not findings.done[slice(*chunk)].all()]
     for number, rows in finished(points.work, Tasks(points, left, findings), executor):
-        findings.add(np.arange(*left[number]), rows)
+        findings.add(slice(*left[number]), rows)
         if keeper is not None:
             keeper.write_when_due()
         bar.show(findings, rows)
@@ -101,7 +101,7 @@ def _keeper_of(path: Path, points: Points, findings: Findings) -> Keeper:
 def save_rows(path: str | os.PathLike[str], points: Points, rows: Rows) -> None:
     """Write the rows of all points to a store; ValueError where it cannot be written."""
     file, findings = stores.place(path), Findings(len(points))
-    findings.add(np.arange(len(points)), rows)
+    findings.add(slice(None), rows)
     with stores.locked(file):
         _keeper_of(file, points, findings).prepare()
 
@@ -298,10 +298,9 @@ class _Bar:
             self._bar.close()
 
     def show(self, findings: Findings, rows: Rows) -> None:
-        done = int(findings.done.sum())
-        if self._bar is None or (time.monotonic() < self._due and done < findings.count):
+        if self._bar is None or (time.monotonic() < self._due and not findings.done.all()):
             return
-        self._bar.update(done - self._bar.n)
+        self._bar.update(int(findings.done.sum()) - self._bar.n)
         if rows.note is not None:
             self._bar.set_postfix_str(rows.note())
         self._due = time.monotonic() + _INTERVAL

@@ -11,6 +11,8 @@ from functools import lru_cache
 from queue import SimpleQueue
 from typing import Any, Generic, TypeVar, cast, final
 
+from dynkit.core.progress import late_bar
+
 _Task = TypeVar("_Task")
 _Result = TypeVar("_Result")
 
@@ -102,10 +104,17 @@ def finished(
 
 
 def all_finished(
-    work: Callable[[_Task], _Result], tasks: Sequence[_Task], executor: Executor | None
+    work: Callable[[_Task], _Result],
+    tasks: Sequence[_Task],
+    executor: Executor | None,
+    bar: str = "",
 ) -> list[_Result]:
-    """Return the results of all tasks, in the order of the tasks; raises what `finished` raises."""
-    results = dict(finished(work, tasks, executor))
+    """Return the results of all tasks, in their order; raises what `finished` raises.
+
+    A late bar of this name counts them.
+    """
+    found = finished(work, tasks, executor)
+    results = dict(late_bar(bar, "chunk", len(tasks), found) if bar else found)
     return [results[number] for number in range(len(tasks))]
 
 

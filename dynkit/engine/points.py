@@ -137,28 +137,27 @@ class Findings:
     count: int
     done: NDArray[np.bool_] = field(init=False)
     arrays: dict[str, Anything] = field(default_factory=dict)
-    texts: dict[str, list[str]] = field(default_factory=dict)
+    texts: dict[str, Anything] = field(default_factory=dict)
     cost: Cost = field(default_factory=lambda: Cost(0.0))
 
     def __post_init__(self) -> None:
         self.done = np.zeros(self.count, dtype=np.bool_)
 
-    def add(self, places: NDArray[np.intp], rows: Rows) -> None:
+    def add(self, places: slice | NDArray[np.intp], rows: Rows) -> None:
         """Add the rows of these points; an interruption leaves all other rows unchanged."""
         for name, array in rows.arrays.items():
             if name not in self.arrays:
                 self.arrays[name] = np.zeros((self.count, *array.shape[1:]), array.dtype)
             self.arrays[name][places] = array
         for name, texts in rows.texts.items():
-            every = self.texts.setdefault(name, [""] * self.count)
-            for place, text in zip(places.tolist(), texts, strict=True):
-                every[place] = text
+            if name not in self.texts:
+                self.texts[name] = np.full(self.count, "", dtype=object)
+            self.texts[name][places] = texts
         self.cost = self.cost + rows.cost
         self.done[places] = True
 
     def rows(self) -> Rows:
         """Return the finished rows, in the order of the points."""
         arrays = {name: array[self.done] for name, array in self.arrays.items()}
-        places = np.flatnonzero(self.done).tolist()
-        texts = {name: [every[i] for i in places] for name, every in self.texts.items()}
+        texts = {name: every[self.done].tolist() for name, every in self.texts.items()}
         return Rows(arrays, texts, self.cost)

@@ -305,7 +305,7 @@ def _growth_of(growth: list[Array]) -> tuple[int, float, float] | None:
     blocks = np.concatenate([np.empty(0), *(run[len(run) // 4 :] for run in growth)])
     if len(blocks) < 2 * _BATCHES or not np.isfinite(blocks).all():
         return None
-    means = np.array([batch.mean() for batch in np.array_split(blocks, _BATCHES)])
+    means = np.array([batch.sum() / len(batch) for batch in np.array_split(blocks, _BATCHES)])
     return len(blocks), float(means.mean()), float(means.std(ddof=1) / np.sqrt(_BATCHES))
 
 

@@ -233,5 +233,5 @@ def _rate(logs: Array) -> tuple[float, float]:
     place = np.arange(len(logs)) - 0.5 * (len(logs) - 1)
     weight = float(place @ place)
     slope = float(place @ logs) / weight
-    residual = logs - logs.mean() - slope * place
+    residual = logs - logs.sum() / len(logs) - slope * place
     return -slope, float(np.sqrt(residual @ residual / (len(logs) - 2) / weight))

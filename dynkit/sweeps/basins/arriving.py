@@ -72,13 +72,11 @@ class Arriving:
             array[others], array[there] = later.arrays[name], known[name][which]
         arrays["final"][there] = np.nan
         arrays["state"][there], arrays["rest"][there] = states[there], rest[there]
-        endings = [""] * len(starts)
-        for place, ending in zip(others.tolist(), later.texts["ending"], strict=True):
-            endings[place] = ending
-        for place, number in zip(there.tolist(), which.tolist(), strict=True):
-            endings[place] = self.known.texts["ending"][number]
+        endings = np.empty(len(starts), dtype=object)
+        endings[others] = later.texts["ending"]
+        endings[there] = np.array(self.known.texts["ending"], dtype=object)[which]
         seconds = time.perf_counter() - began - later.cost.seconds
-        return Rows(arrays, {"ending": endings}, later.cost + cost + Cost(seconds))
+        return Rows(arrays, {"ending": endings.tolist()}, later.cost + cost + Cost(seconds))
 
 
 @final
@@ -125,7 +123,7 @@ class Starts(Points):
         chunks, findings = chunks_of(len(sample)), Findings(len(sample))
         tasks = [sample[slice(*chunk)] for chunk in chunks]
         for number, rows in finished(self.look, tasks, self.executor):
-            findings.add(np.arange(*chunks[number]), rows)
+            findings.add(slice(*chunks[number]), rows)
         return findings.rows()
 
     def task(self, first: int, last: int, found: Findings) -> Array:  # noqa: ARG002

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 from concurrent.futures import Executor
+from functools import partial
 
 import numpy as np
 
@@ -16,6 +17,7 @@ from dynkit.core.validation import (
 )
 from dynkit.dynamics.map import Map
 from dynkit.engine.collecting import collect
+from dynkit.engine.executors import all_finished
 from dynkit.engine.points import MOST_POINTS
 from dynkit.sweeps.basins.arriving import Starts
 from dynkit.sweeps.basins.classification import look_at
@@ -75,7 +77,8 @@ def basins(
         An HDF5 file that keeps finished starts, as for `dynkit.sweep`: the same call resumes it,
         with any executor.
     progress : bool
-        Whether to show a bar on standard error.
+        Whether to show a bar on standard error; on a terminal also while chaotic motions are
+        compared.
 
     Returns
     -------
@@ -125,6 +128,7 @@ def basins(
     )
     points = Starts(look, rows, executor)
     found = collect(points, executor=executor, store=store, progress=progress)
-    numbers, basins = group_starts(look, found, rows, given.shape[:-1], executor)
+    finish = partial(all_finished, executor=executor, bar="comparison" if progress else "")
+    numbers, basins = group_starts(look, found, rows, given.shape[:-1], finish)
     cost = points.sampling + found.cost
     return Basins(rows.reshape(given.shape), numbers, basins, cost, look)

@@ -2,16 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from concurrent.futures import Executor
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, final
+from typing import TYPE_CHECKING, TypeAlias, final
 
 import numpy as np
 from numpy.typing import NDArray
 
 from dynkit.core.validation import Array
-from dynkit.engine.executors import all_finished
 from dynkit.engine.points import Rows, chunks_of
 from dynkit.labels.columns import KINDS, label_in
 from dynkit.labels.label import OrbitKind, OrbitLabel
@@ -48,14 +46,14 @@ class Found:
 
 
 def group_starts(
-    look: Look, rows: Rows, starts: Array, shape: tuple[int, ...], executor: Executor | None
+    look: Look, rows: Rows, starts: Array, shape: tuple[int, ...], finish: Finish
 ) -> tuple[NDArray[np.int64], tuple[Basin, ...]]:
     """Return the number of each start's attractor, and the basins in the order of the starts.
 
     Numbers below zero are those of `dynkit.sweeps.basins.classification.OTHER_ENDS`.
     """
-    chaos, rows = _filled(OrbitKind.CHAOTIC, look, rows, executor)
-    curves, rows = _filled(OrbitKind.QUASI_PERIODIC, look, rows, executor)
+    chaos, rows = _filled(OrbitKind.CHAOTIC, look, rows, finish)
+    curves, rows = _filled(OrbitKind.QUASI_PERIODIC, look, rows, finish)
     groups = [*chaos, *curves, *orbits_in(look, rows, starts), *_rests(rows)]
     kinds: NDArray[np.int64] = rows.arrays["kind"]
     numbers = np.where(kinds < 0, kinds, UNSETTLED)
@@ -71,6 +69,9 @@ def group_starts(
         basins.append(Basin(number, *who, place, len(members), part, error))
     return numbers.reshape(shape), tuple(basins)
 
+
+Finish: TypeAlias = Callable[["_Compared", list[Array]], list[Array]]
+"""What finishes all tasks, by some workers, with a bar or without."""
 
 _Group = tuple[Found, NDArray[np.intp]]
 
@@ -129,9 +130,7 @@ def nearest(look: Look, reference: Array, states: Array) -> Array:
     return found
 
 
-def _filled(
-    kind: OrbitKind, look: Look, rows: Rows, executor: Executor | None
-) -> tuple[list[_Group], Rows]:
+def _filled(kind: OrbitKind, look: Look, rows: Rows, finish: Finish) -> tuple[list[_Group], Rows]:
     """Return the attractors of a kind that fills sets, and the rows updated by later motions."""
     finals, groups, ended = rows.arrays["final"], [], {}
     left = _places(rows, kind)
@@ -147,7 +146,7 @@ def _filled(
         states = motion.states
         reference, own = states[:_REFERENCE], states[_REFERENCE:]
         limit = _FACTOR * float(np.median(nearest(look, reference, own)))
-        same = _medians(look, reference, finals[left], executor) <= limit
+        same = _medians(look, reference, finals[left], finish) <= limit
         same[0] = True
         found = Found(first, label_at(rows, first), rows.texts["ending"][first], reference)
         groups.append((found, left[same]))
@@ -166,10 +165,10 @@ def _changed(rows: Rows, changes: Mapping[int, Rows]) -> Rows:
     return Rows(arrays, texts, rows.cost)
 
 
-def _medians(look: Look, reference: Array, finals: Array, executor: Executor | None) -> Array:
+def _medians(look: Look, reference: Array, finals: Array, finish: Finish) -> Array:
     """Return the median distances (k,) of motions from packed states (k, p) to an attractor."""
     tasks = [finals[slice(*chunk)] for chunk in chunks_of(len(finals))]
-    return np.concatenate(all_finished(_Compared(look, reference), tasks, executor))
+    return np.concatenate(finish(_Compared(look, reference), tasks))
 
 
 @final

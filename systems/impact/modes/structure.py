@@ -242,11 +242,11 @@ class Contact:
         self.structure, self.row = structure, row
         self.place = place_of(row)
         self.others = np.delete(np.arange(structure.size), self.place)
-        self._rest = row[None, self.others]
+        self._rest = row[None, self.others] if row[self.others].any() else None
 
     def put(self, x: Array, total: Any) -> None:
         """Set the row's sums (...) of positions or velocities (..., N) by coordinate `place`."""
-        if self._rest.any():
+        if self._rest is not None:
             total = total - row_by_row(x[..., self.others], self._rest)[..., 0]
         x[..., self.place] = total / self.row[self.place]
 

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, final
 import numpy as np
 
 from dynkit.core.cost import Cost
+from dynkit.core.progress import late_bar
 from dynkit.core.validation import Array, finite_array, positive_integer
 from dynkit.orbits.newton import FixedParameters, NoConvergence, correct, solve
 from dynkit.systems.impact.orbits.itineraries.equations import APART, LEAST, ItineraryEquations
@@ -53,22 +54,31 @@ def find_orbits(
         solvable("impacts", n)
         guesses = one_impact(oscillator, m) if n == 1 else random_guesses(oscillator, n, m)
     found = Found()
-    for problem, guess in guesses:
-        if not found.holds(problem, guess, APART):
-            found.add(problem, guess)
+    with found.bar:
+        for problem, guess in guesses:
+            if not found.holds(problem, guess, APART):
+                found.add(problem, guess)
     return found.orbits(began)
 
 
 @final
 class Found:
-    """Orbits that Newton's method found, each once."""
+    """Orbits that Newton's method found, each once; its bar counts guesses and motions."""
 
     def __init__(self) -> None:
+        self.bar = late_bar("search", "step")
         self._solutions: list[tuple[ItineraryEquations, Array, tuple[float, ...]]] = []
         self._marks: dict[tuple[int, int], list[Array]] = {}
 
+    def counted(self, motions: Iterator[ImpactRecord]) -> Iterator[ImpactRecord]:
+        """Yield motions, and count each as a step of the bar."""
+        for motion in motions:
+            self.bar.update()
+            yield motion
+
     def add(self, problem: ItineraryEquations, guess: Array) -> None:
         """Take the orbit that Newton's method finds from a guess, (m,), if it is new."""
+        self.bar.update()
         result = correct(FixedParameters(problem, NONE), guess, problem.scale(guess), steps=30)
         if not result.converged:
             return

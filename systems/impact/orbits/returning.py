@@ -19,7 +19,7 @@ from dynkit.systems.impact.orbits.itineraries.itinerary import events_seen, of_p
 from dynkit.systems.impact.orbits.itineraries.motions import STARTS, simulated_motions
 from dynkit.systems.impact.orbits.itineraries.simulated import simulated
 from dynkit.systems.impact.orbits.orbit import ImpactOrbit
-from dynkit.systems.impact.orbits.searching import add_returns, result_of
+from dynkit.systems.impact.orbits.searching import from_returns, result_of
 from dynkit.systems.impact.simulation.state import TWO_PI
 from dynkit.systems.impact.simulation.trajectory import Ending
 
@@ -40,21 +40,18 @@ def search_returns(oscillator: ImpactMap, impacts: int, periods: int) -> OrbitSe
     ValueError
         When nothing drives the oscillator.
     """
-    began, found = time.perf_counter(), Found()
     if not oscillator._excitation.turns:
         raise ValueError("system must be driven: amplitude and harmonic_forces are zero")
-    parts = list(simulated_motions(oscillator))
-    own = [[abs(x).max(initial=0.0) for x in (p.position, p.velocity)] for p in parts if len(p)]
-    near = partial(near_return, sizes=np.max([*own, [0.0, 0.0]], axis=0).tolist())
-    counts = {"starts": 1 + STARTS, "impacts": sum(len(part) for part in parts)}
-    counts["returns"] = sum(
-        add_returns(found, part, impacts_of, periods, near)
-        for impacts_of in range(1, impacts + 1)
-        for part in parts
-    )
-    for part in parts:
-        if part.ending is not Ending.COUNT_REACHED and oscillator._stops:
-            _add_quiet(found, part)
+    began, found = time.perf_counter(), Found()
+    with found.bar:
+        parts = list(found.counted(simulated_motions(oscillator)))
+        own = [[abs(x).max(initial=0.0) for x in (p.position, p.velocity)] for p in parts if len(p)]
+        near = partial(near_return, sizes=np.max([*own, [0.0, 0.0]], axis=0).tolist())
+        counts = {"starts": 1 + STARTS}
+        counts |= from_returns(found, parts, range(1, impacts + 1), periods, near)
+        for part in parts:
+            if part.ending is not Ending.COUNT_REACHED and oscillator._stops:
+                _add_quiet(found, part)
     return result_of(oscillator, found, parts, (impacts, periods), counts, began)
 
 

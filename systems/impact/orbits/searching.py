@@ -54,24 +54,20 @@ def search(oscillator: ImpactMap, impacts: object, periods: object) -> OrbitSear
     n, m = positive_integer("impacts", impacts), positive_integer("periods", periods)
     solvable("impacts", n)
     found = Found()
-    for periods_of in range(1, m + 1):
-        for problem, guess in one_impact(oscillator, periods_of):
-            found.add(problem, guess)
     counts = {"guesses": 0, "starts": 0, "impacts": 0, "returns": 0}
-    for impacts_of in range(2, min(n, GUESSED) + 1):
-        for periods_of in range(1, m + 1):
-            counts["guesses"] += STARTS
-            for problem, guess in random_guesses(oscillator, impacts_of, periods_of):
-                found.add(problem, guess)
     parts: list[ImpactRecord] = []
-    if n > 1:
-        parts = list(_simulated(oscillator))
-        counts |= {"starts": 1 + RANDOM, "impacts": sum(len(part) for part in parts)}
-        counts["returns"] = sum(
-            add_returns(found, part, impacts_of, m, _near)
-            for impacts_of in range(2, n + 1)
-            for part in parts
-        )
+    with found.bar:
+        for periods_of in range(1, m + 1):
+            for problem, guess in one_impact(oscillator, periods_of):
+                found.add(problem, guess)
+        for impacts_of in range(2, min(n, GUESSED) + 1):
+            for periods_of in range(1, m + 1):
+                counts["guesses"] += STARTS
+                for problem, guess in random_guesses(oscillator, impacts_of, periods_of):
+                    found.add(problem, guess)
+        if n > 1:
+            parts = list(found.counted(_simulated(oscillator)))
+            counts |= from_returns(found, parts, range(2, n + 1), m, _near) | {"starts": 1 + RANDOM}
     return result_of(oscillator, found, parts, (n, m), counts, began)
 
 
@@ -119,7 +115,15 @@ def _simulated(oscillator: ImpactMap) -> Iterator[ImpactRecord]:
         yield oscillator.simulate(impacts=PART, start=oscillator.impact_state(start))
 
 
-def add_returns(
+def from_returns(
+    found: Found, parts: list[ImpactRecord], impacts: range, periods: int, guessed: Guessed
+) -> dict[str, int]:
+    """Try returns after each number of impacts; how many impacts and returns there were."""
+    tried = [_add_returns(found, part, n, periods, guessed) for n in impacts for part in parts]
+    return {"impacts": sum(map(len, parts)), "returns": sum(tried)}
+
+
+def _add_returns(
     found: Found, record: ImpactRecord, impacts: int, periods: int, guessed: Guessed
 ) -> int:
     """Try the closest returns after so many impacts and up to so many periods; return how many.

@@ -359,12 +359,12 @@ class DrivenStructure(LagrangianStructure):
 
         The structure keeps that of the last frequency, forces and table.
         """
-        stops = tuple(replace(stop, restitution=1.0) for stop in self._stops)
-        forces = self.harmonic_forces, self.constant_forces
-        key = (*forces, self.chatter_tolerance, stops)
+        forces = self.harmonic_forces, self.constant_forces, self.chatter_tolerance
+        key = (*forces, self.amplitude, self.offset, self.contact, self.side, self.play)
         known = self._structure.automata
         found = known.get(key)
         if found is None:
+            stops = tuple(replace(stop, restitution=1.0) for stop in self._stops)
             given = self._structure, self._excitation, stops, self.chatter_tolerance
             known.clear()
             found = Automaton(*given, {})

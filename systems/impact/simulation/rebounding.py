@@ -25,6 +25,9 @@ class Rebounding:
         self._restitution = restitution
         self._given: Any = None
         self._tables: Any = None
+        # what an automaton never replaces, and simulations read often
+        self.modes, self.guards, self.regimes = shared.modes, shared.guards, shared.regimes
+        self.parts, self.beside = shared.parts, shared.beside
 
     def __getattr__(self, name: str) -> Any:
         return getattr(self._shared, name)

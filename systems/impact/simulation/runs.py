@@ -216,7 +216,8 @@ class Course:
             self._close(element)
             if element in oscillator._automaton.parts.normal:
                 self._left[element, clock_kernels.MOTION] = clock_kernels.STILL
-        self._stretch()
+        if oscillator._automaton.sliders:
+            self._stretch()
         if oscillator._cycled:
             self._leave_section()
         self.impacts, self.ending, self.waits = 0, Ending.COUNT_REACHED, False

@@ -96,7 +96,7 @@ class ImpactState:
         forced = system._free.forced
         with np.errstate(over="ignore", invalid="ignore"):
             x, v = forced.positions(q, sine, cosine), forced.velocities(q, sine, cosine)
-        if not np.isfinite([x, v]).all():
+        if not (np.isfinite(x).all() and np.isfinite(v).all()):
             raise Diverged(f"the motion runs away: its positions are {x} and its velocities {v}")
         if self.motion is not Motion.FLIGHT:
             put_on(system, self.element, self.closed, (x, v), sine, cosine, self.speed)

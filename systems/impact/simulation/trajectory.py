@@ -101,10 +101,7 @@ class Impacts:
 
     def part(self, low: int, high: int) -> Impacts:
         """The impacts from number `low` to number `high` - 1."""
-        now = slice(low, high)
-        return Impacts(
-            self.time[now], self.speed[now], self.guard[now], self.states[now], self.turn[now]
-        )
+        return Impacts(*(array[low:high] for array in vars(self).values()))
 
 
 @final
@@ -136,14 +133,7 @@ class Switches:
 
     def until(self, count: int) -> Switches:
         """The first changes, `count` of them."""
-        return Switches(
-            self.time[:count],
-            self.rest[:count],
-            self.speed[:count],
-            self.before[:count],
-            self.guard[:count],
-            self.states[:count],
-        )
+        return Switches(*(array[:count] for array in vars(self).values()))
 
 
 @final
@@ -371,7 +361,7 @@ class Trajectory:
             ends[own[:-1]] = s.time[own[1:]]
         return np.stack([s.time[held] + s.rest[held], ends[held]], axis=1)
 
-    @property
+    @cached_property
     def before(self) -> Indices:
         """Number of the point after which each contact begins."""
         return np.asarray(self.switches.before[self._held])
@@ -389,7 +379,8 @@ class Trajectory:
     @property
     def durations(self) -> tuple[Array, Array]:
         """Durations (n,) of the flights before impacts, and (j,) of the contacts before flights."""
-        count, flights = self.ended, np.diff(self.time, prepend=0.0)
+        count, flights = self.ended, self.time.copy()
+        flights[1:] -= self.time[:-1]
         before = self.before[:count]
         held = self.contacts[:count, 1] - self.times[before]
         flights[before] -= held

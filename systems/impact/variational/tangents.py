@@ -226,15 +226,14 @@ def _flights(
     """Kernel arguments of flights (n,); each follows the matrix of its number, if that is >= 0."""
     slots = motion.mode.layout.modes
     flown = motion.mode.transitions(durations)
-    blocks = np.empty((len(durations), 2, 2, len(slots)))
     if len(flown.linked):
-        blocks[...] = np.eye(2)[..., None]
+        blocks = np.tile(np.eye(2)[..., None], (len(durations), 1, 1, len(slots)))
         matrices = flown.matrices(slots)
         after = which >= 0
         matrices[after] = matrices[after] @ dense[which[after]]
         dense, which = matrices, np.arange(len(durations))
     else:
-        blocks[...] = flown.own[..., slots]
+        blocks = np.ascontiguousarray(flown.own[..., motion.mode.layout.own])
     return blocks.reshape(len(durations), 4, -1), which, np.ascontiguousarray(dense)
 
 
