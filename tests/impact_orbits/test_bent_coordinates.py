@@ -38,7 +38,7 @@ CASES: dict[str, dict[str, Any]] = {
 def orbits(name: str) -> tuple[Any, Any]:
     """The orbit by exponential sums, and in bent coordinates."""
     exact, bent = (
-        system.attractor(transient=150).periodic_orbit() for system in both(**CASES[name])
+        system.attractor(transient=300).periodic_orbit() for system in both(**CASES[name])
     )
     return exact, bent
 
@@ -164,7 +164,7 @@ def test_the_error_of_an_orbit_lies_over_its_actual_error() -> None:
 def test_an_arm_before_a_wall_has_the_multipliers_of_its_map() -> None:
     system: Any = ARM.replace(frequency=2.2)
     start = system.state(position=[-0.4, -0.9], velocity=[0.3, 0.2])
-    orbit = system.attractor(start=start, transient=150).periodic_orbit()
+    orbit = system.attractor(start=start, transient=300).periodic_orbit()
     assert (orbit.label, orbit.admissible) == ("P(1,2)", True)
     known = np.linalg.eigvals(system.jacobian(orbit.states[0]))
     found = np.append(orbit.multipliers, [0.0, 0.0])
@@ -183,7 +183,7 @@ def test_a_soft_stop_presses_beside_a_wall() -> None:
     pad = SoftStop(0, offset=-0.1, stiffness=20.0, damping=0.1, name="pad")
     system: Any = ARM.replace(frequency=2.2, elements=[wall, pad])
     start = system.state(position=[0.1, -0.5], velocity=[0.3, 0.2])
-    orbit = system.attractor(start=start, transient=150).periodic_orbit()
+    orbit = system.attractor(start=start, transient=300).periodic_orbit()
     assert orbit.admissible
     assert orbit.counts["pad.presses"] > 0
     jacobian = np.eye(system.dimension)

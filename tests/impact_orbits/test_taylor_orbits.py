@@ -107,7 +107,7 @@ def both(name: str) -> tuple[Any, Any]:
     """The orbit by exponential sums, and by Taylor's method."""
     given = LINEAR[name][0]
     kinds: Any = ImpactChain, Disguised
-    exact, other = (kind(**given).attractor(transient=200).periodic_orbit() for kind in kinds)
+    exact, other = (kind(**given).attractor().periodic_orbit() for kind in kinds)
     assert (exact.system.engine, other.system.engine) == ("exponential sums", "Taylor")
     return exact, other
 
@@ -163,7 +163,7 @@ def test_branches_meet_the_bifurcations_of_the_exact_engine(
 
 @cache
 def toda() -> Any:
-    return TodaChain(masses=5, frequency=0.9).attractor(transient=300)
+    return TodaChain(masses=5, frequency=0.9).attractor()
 
 
 def test_toda_s_chain_is_followed_through_grazings() -> None:
@@ -225,7 +225,7 @@ def test_a_mass_matrix_that_varies() -> None:
 
 def test_the_error_of_toda_s_orbit_lies_over_its_actual_error() -> None:
     chain = TodaChain(masses=3, frequency=0.9)
-    orbit = chain.attractor(transient=200).periodic_orbit()
+    orbit = chain.attractor().periodic_orbit()
     exact = ManyDigits(3, 0.9, 0.1, 0.1, 0.85)
     state = orbit.states[0]
     with mp.workdps(30):
@@ -236,7 +236,7 @@ def test_the_error_of_toda_s_orbit_lies_over_its_actual_error() -> None:
 
 def test_toda_s_chain_chatters_and_sticks() -> None:
     chain = TodaChain(masses=2, frequency=0.2, restitution=0.4)
-    attractor = chain.attractor(transient=200)
+    attractor = chain.attractor()
     orbit: Any = attractor.periodic_orbit()
     assert (orbit.label, orbit.admissible, orbit.stable) == ("P(inf,1)", True, True)
     (begin, end) = orbit.contacts[0]
@@ -247,7 +247,7 @@ def test_toda_s_chain_chatters_and_sticks() -> None:
     branch = continue_orbit(orbit, "frequency", bounds=(0.1995, 0.2005))
     for place in (0, -1):
         there = branch.orbit(place)
-        settled: Any = there.system.attractor(start=attractor.final, transient=200).periodic_orbit()
+        settled: Any = there.system.attractor(start=attractor.final).periodic_orbit()
         away = abs(there.system.difference(there.states, settled.states)).max()
         assert away <= there.error + settled.error
 
@@ -255,7 +255,7 @@ def test_toda_s_chain_chatters_and_sticks() -> None:
 def test_a_chain_of_toda_slips_and_sticks() -> None:
     belt = DryFriction(0, force=0.5, name="rail")
     chain = TodaChain(masses=2, frequency=0.7, harmonic_forces=[0.8, 0.0], elements=[belt])
-    attractor = chain.attractor(transient=200)
+    attractor = chain.attractor()
     orbit: Any = attractor.periodic_orbit()
     assert orbit.admissible
     assert orbit.counts["rail.sticks"] > 0
