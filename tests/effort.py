@@ -3,15 +3,17 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
-from typing import Final
+from typing import Final, TypeVar
 from unittest.mock import patch
 
 from hypothesis import HealthCheck, settings
 
 PLAIN: Final = "dynkit"
 THOROUGH: Final = "thorough"
+
+_Case = TypeVar("_Case")
 
 
 def register_profiles() -> None:
@@ -37,6 +39,11 @@ def register_profiles() -> None:
 def is_thorough() -> bool:
     """Whether this run looks at everything."""
     return os.environ.get("HYPOTHESIS_PROFILE") == THOROUGH
+
+
+def some(cases: Sequence[_Case], every: int) -> Sequence[_Case]:
+    """Every so manieth of cases that check one property on one path, or all of them."""
+    return cases if is_thorough() else cases[::every]
 
 
 def share(part: float) -> settings:

@@ -112,7 +112,7 @@ def test_an_exploration_follows_the_cascade_of_a_random_hump(number: int) -> Non
     assert found == pytest.approx(expected, abs=1e-9)
 
 
-@pytest.mark.parametrize("number", range(4 * MORE))
+@pytest.mark.parametrize("number", range(2 * MORE))
 def test_random_humps_double_their_periods(number: int) -> None:
     system = random_hump(number)
     found = assert_a_cascade(system, [0.5], "p", (2.0, 4.2), 5)

@@ -250,7 +250,7 @@ def test_orbits_of_lorenz_have_the_periods_of_viswanath(name: str, period: float
 def _lorenz_returning() -> tuple[PoincareMap, Array]:
     plane = Hyperplane(at(0.0, 0.0, 1.0), 27.0, -1)
     system = PoincareMap(Lorenz(), plane, time_limit=10.0)
-    return system, system.iterate(at(2.0, 2.0), 4000)[100:]
+    return system, system.iterate(at(2.0, 2.0), 1200)[100:]
 
 
 def _nearest(states: Array, count: int) -> Array:

@@ -12,6 +12,7 @@ from scipy.linalg import expm
 import dynkit
 from dynkit.core.validation import Array
 from dynkit.systems import DryFriction, HardStop, ImpactChain, MatrixOscillator, SoftStop
+from tests.effort import some
 from tests.impact.test_friction import random_machine
 
 
@@ -223,7 +224,7 @@ def mirrored(chain: ImpactChain) -> ImpactChain:
 
 
 @pytest.mark.parametrize("hit", [False, True])
-@pytest.mark.parametrize("seed", range(16, 32))
+@pytest.mark.parametrize("seed", some(range(16, 32), 2))
 def test_mirrored_and_reordered_machines_with_friction_move_alike(seed: int, hit: bool) -> None:
     chain, place, velocity = random_machine(seed, hit=hit)
     record = chain.simulate(impacts=12, start=chain.state(place, velocity))

@@ -178,7 +178,7 @@ def test_forces_of_random_machines_are_those_of_many_digits(machine: Any, seed: 
 @pytest.mark.parametrize("seed", range(8))
 def test_forces_and_impulses_are_the_change_of_momentum(seed: int) -> None:
     chain, place, velocity = with_friction(seed, hit=True)
-    record = chain.simulate(impacts=30, start=chain.state(place, velocity))
+    record = chain.simulate(impacts=12, start=chain.state(place, velocity))
     run = record._run
     if (run.switches.speed > 0.0).any():  # what is left out of a chatter is no impact
         return

@@ -9,6 +9,7 @@ from mpmath import mp
 
 from dynkit.core.validation import Array
 from dynkit.systems import DryFriction, HardStop, ImpactChain, MatrixOscillator
+from tests.effort import is_thorough
 from tests.reference.soft_stops import DIGITS, SoftStopReference
 
 
@@ -196,7 +197,7 @@ def random_machine(seed: int) -> tuple[ImpactChain, Array, Array]:
     return chain, x, random.normal(size=n)
 
 
-@pytest.mark.parametrize("seed", range(30))
+@pytest.mark.parametrize("seed", range(30 if is_thorough() else 20))
 def test_random_machines_on_rough_ground_move_as_in_many_digits(seed: int) -> None:
     chain, place, velocity = random_machine(seed)
     record = chain.simulate(impacts=6, start=chain.state(place, velocity))

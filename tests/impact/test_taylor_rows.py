@@ -214,7 +214,9 @@ def test_a_cubic_chain_between_dependent_stops_has_orbits_and_branches() -> None
 
 
 def test_a_cubic_chain_with_friction_along_its_stop_has_its_orbit() -> None:
-    attractor = FPUTChain(cubic=0.4, **MACHINES["friction along a stop"]).attractor(impacts=20)
+    attractor = FPUTChain(cubic=0.4, **MACHINES["friction along a stop"]).attractor(
+        transient=100, impacts=20
+    )
     orbit = attractor.periodic_orbit()
     assert orbit.residual < 1e-12
     assert abs(orbit.states[0] - attractor.states[-1]).max() < 1e-9

@@ -14,6 +14,7 @@ from dynkit.systems import DryFriction, HardStop, MatrixOscillator
 from dynkit.systems.impact.orbits.orbit import ImpactOrbit
 from dynkit.testing import check_problem
 from tests.impact.test_coulomb import beside_others, coupled, random_machine
+from tests.impact_orbits.contracts import check_parameters
 from tests.reference.itineraries import actual_error
 
 
@@ -193,9 +194,7 @@ def test_orbits_and_multipliers_are_those_of_the_map(name: str) -> None:
 def test_the_contract_of_problems_holds(name: str) -> None:
     orbit = orbit_of(name)
     known = [n for n in ("rub.static", "rub.velocity") if orbit.system.parameters.get(n)]
-    for parameter in ("rub.coefficient", *known[:1]):
-        problem = orbit.problem(parameter)
-        check_problem(problem, orbit.unknowns, problem.values)
+    check_parameters(orbit, ("rub.coefficient", *known[:1]))
 
 
 @pytest.mark.parametrize("name", CHATTERS)

@@ -19,6 +19,7 @@ from dynkit.systems import (
 from dynkit.systems.impact.orbits.orbit import ImpactOrbit
 from dynkit.testing import check_problem
 from tests.impact.test_jenkins import MACHINE, random_machine
+from tests.impact_orbits.contracts import check_parameters
 
 FORCED: Any = {"masses": 1, "damping": 0.05, "frequency": 0.8, "harmonic_forces": [0.8]}
 JOINT = Jenkins(0, stiffness=2.0, force=0.3, name="joint")
@@ -128,11 +129,10 @@ def test_a_steady_loop_is_that_of_many_digits(joints: list[Jenkins]) -> None:
 def test_equations_keep_the_contracts(name: str, orbits: dict[str, Any]) -> None:
     orbit = orbits[name]
     assert orbit.admissible
-    for parameter, value in orbit.system.parameters.items():
-        own = parameter == "frequency" or parameter.startswith(("joint.", "j.", "elements[0]."))
-        if own and value and np.isfinite(value):
-            problem = orbit.problem(parameter)
-            check_problem(problem, orbit.unknowns, problem.values)
+    own = "frequency", "joint.", "j.", "elements[0]."
+    values = orbit.system.parameters.items()
+    names = [name for name, p in values if name.startswith(own) and p and np.isfinite(p)]
+    check_parameters(orbit, names)
 
 
 @pytest.mark.parametrize("name", ["one", "belt", "shaken surface", "all"])
@@ -154,7 +154,7 @@ def test_multipliers_are_those_of_differences_of_the_simulated_map(
 
 def test_a_branch_ends_where_the_slider_slips_no_more() -> None:
     # of the stuck slider the response is linear: it slips where its spring may bear no more
-    branch = continue_orbit(orbit_of(ONE), "joint.force", bounds=(0.2, 1.0))
+    branch = continue_orbit(orbit_of(ONE), "joint.force", bounds=(0.29, 1.0))
     (last,) = branch.bifurcations
     force = 2.0 * 0.8 / abs(1.0 + 2.0 - 0.8**2 + 1j * 0.05 * 0.8)
     assert abs(last.value - force) <= last.error + 1e-12
@@ -168,7 +168,10 @@ def test_of_sliders_along_one_row_any_may_be_seen_to_halt_first() -> None:
     assert orbit.admissible
 
 
-def test_a_slider_begins_to_halt_amid_its_slip() -> None:
+def test_a_slider_begins_to_halt_amid_its_slip(monkeypatch: pytest.MonkeyPatch) -> None:
+    # on the border it halts and slips without end: some ten thousand switches show no less
+    # than a million
+    monkeypatch.setattr("dynkit.systems.impact.orbits.itineraries.simulated._MOST", 64)
     machine = ONE.replace(
         damping=0.0, elements=[Jenkins(0, stiffness=2.0, force=0.3, velocity=0.05, name="joint")]
     )

@@ -166,8 +166,7 @@ def test_an_attractor_that_sticks_is_the_orbit_that_is_found(name: str) -> None:
     assert abs(np.array(off)).max(axis=1).min() <= orbit.error + wanted.error
 
 
-@pytest.mark.parametrize("masses", [2, 3])
-@pytest.mark.parametrize("restitution", [0.3, 0.6, 0.85])
+@pytest.mark.parametrize(("masses", "restitution"), [(2, 0.3), (2, 0.6), (3, 0.85)])
 def test_an_orbit_run_through_twice_is_not_another_one(masses: int, restitution: float) -> None:
     chain = ImpactChain(masses=masses, frequency=0.202, restitution=restitution)
     assert len(chain.periodic_orbits(sticking=True)) == 1

@@ -5,8 +5,6 @@ Here some of the cases; `python -m tests.validation` takes all.
 
 from __future__ import annotations
 
-from functools import cache
-
 import numpy as np
 import pytest
 
@@ -19,29 +17,24 @@ FEWEST = 20
 """Cases of each claim."""
 
 
-@cache
-def measured(name: str) -> Ratios:
-    return Ratios.of(QUANTITIES[name].tested_pairs())
+@pytest.fixture(scope="module", params=QUANTITIES)
+def found(request: pytest.FixtureRequest) -> Ratios:
+    """One quantity, measured once: its tests follow each other, in one process."""
+    return Ratios.of(QUANTITIES[request.param].tested_pairs())
 
 
-@pytest.mark.parametrize("name", QUANTITIES)
-def test_one_in_a_thousand_is_off_by_more_than_is_claimed(name: str) -> None:
-    found = measured(name)
+def test_one_in_a_thousand_is_off_by_more_than_is_claimed(found: Ratios) -> None:
     assert len(found) >= FEWEST
     assert found.exceedances <= len(found) / 1000.0
 
 
-@pytest.mark.parametrize("name", QUANTITIES)
-def test_a_claim_of_no_error_would_exceed(name: str) -> None:
+def test_a_claim_of_no_error_would_exceed(found: Ratios) -> None:
     """Half of the true errors, or more, are not zero: a sample can fail."""
-    found = measured(name)
     assert np.count_nonzero(found.true) >= 0.5 * len(found)
 
 
-@pytest.mark.parametrize("name", QUANTITIES)
-def test_what_is_claimed_is_of_use(name: str) -> None:
+def test_what_is_claimed_is_of_use(found: Ratios) -> None:
     """Half of the claims are no more than 10,000 times too large, and few are none at all."""
-    found = measured(name)
     assert np.median(found.ratios) > 1e-4
     assert found.lost <= 0.1 * len(found)
 
