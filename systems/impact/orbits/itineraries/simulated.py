@@ -21,19 +21,23 @@ _BETWEEN = 64
 """Switches, for each of them, without an impact, within which it passes."""
 
 
-def simulated(system: Any, start: Any, length: float, named: bool = True, count: int = 4) -> Seen:
+def simulated(
+    system: Any, start: Any, length: float, named: bool = True, count: int = 4, most: int = _MOST
+) -> Seen:
     """The events of a motion from a state on, for some time, of about so many impacts."""
-    seen = events_seen(system, run_for(system, start, length, count), named, length)
+    seen = events_seen(system, run_for(system, start, length, count, most), named, length)
     return seen.part(0, int(np.searchsorted(seen.times, length)))
 
 
-def run_for(system: Any, start: Any, length: float, count: int = 4) -> Trajectory:
+def run_for(
+    system: Any, start: Any, length: float, count: int = 4, most: int = _MOST
+) -> Trajectory:
     """A motion for some time at least, where it goes on, and within which it is not too busy."""
     while True:
         switches = _BETWEEN * count
         run: Trajectory = system._run(start, count, store=True, most_switches=switches)
         ended = run.impacts < count and len(run.switches.guard) <= switches
-        if run.duration > length or ended or count > _MOST:
+        if run.duration > length or ended or count > most:
             return run
         count *= 4
 
@@ -62,9 +66,9 @@ def _comes_again(s: Any) -> bool:
     whole = np.append(z, [np.sin(phase), np.cos(phase), 1.0])
     z = laid(s.flights(s.following[i].mode), closed, whole)[0][:-3]  # not off them by rounding
     start = s.oscillator.state(z[:n], z[n : 2 * n], phase % TWO_PI, z[2 * n :])
-    seen = simulated(s.oscillator, start, s.period)
     due = (times - since) % s.period
     order = [k for k in np.argsort(due).tolist() if s.itinerary[k].element >= 0]
+    seen = simulated(s.oscillator, start, s.period, most=len(order))
     if len(seen.events) != len(order):
         return False
     pairs = zip(seen.events, (s.itinerary[k] for k in order), strict=True)
@@ -85,7 +89,7 @@ def _is_released(s: Any, node: int) -> bool:
     x, v = np.append(z[:n], z[2 * n : -3]), beside(s.oscillator, z[n : 2 * n])
     start = state_at(s.oscillator, x, v, z[-3:-1], *own)
     count = 4 + len(due) + sum(chatter.run.impacts for chatter in s.chatters.values())
-    seen = simulated(s.oscillator, start, float(due[-1]) + within, False, count)
+    seen = simulated(s.oscillator, start, float(due[-1]) + within, False, count, count)
     # which slider slips at a release is rounding, and so is what is hit at once
     begun = int(np.searchsorted(seen.times, within)) if s.machine.sliders else 0
     found = iter(zip(seen.times[begun:], seen.events[begun:], strict=True))
