@@ -41,6 +41,7 @@ _STUCK = (
     "no isolated periodic orbit found from the guess: it is one of a family, as a slider that "
     "never slips may be anywhere; got {!r}"
 )
+_NEVER = "the motion does not come again: the nearest solution of its equations is no motion"
 _HELD = "the motion is not released by a stop at the same phase again"
 _SINGULAR = 1e-13
 """Ratio of singular values of the equations' derivative: where it is less, it is rounding."""
@@ -86,7 +87,10 @@ def orbit_near(system: ImpactMap, state: ImpactState, periods: int) -> ImpactOrb
     x, history = _solved(problem, guess)
     cost = Cost(time.perf_counter() - began, {"steps": len(history) - 1})
     problem, x = problem.shortest(x)
-    return ImpactOrbit(*problem.in_turn(x), history, cost)
+    found = ImpactOrbit(*problem.in_turn(x), history, cost)
+    if not driven and not found.admissible:  # bounces that die away are like one of period zero
+        raise NoConvergence(_NEVER)
+    return found
 
 
 def _of_contact(seen: Seen, length: float, turn: float) -> Seen:
