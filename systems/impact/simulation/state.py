@@ -387,8 +387,7 @@ def _rests(oscillator: DrivenStructure, k: int, x: Array, v: Array, turn: Array)
     speed = float(element.swing_rate(oscillator.frequency, *turn.tolist()))
     pairs = (x, function(x), (swing, element.offset)), (v, row @ v, (speed,))
     return all(
-        abs(float(seen) - sum(own))
-        <= TOUCHED * (_rounding(row, part) + sum(map(abs, own)))
+        abs(float(seen) - sum(own)) <= TOUCHED * (_rounding(row, part) + sum(map(abs, own)))
         for part, seen, own in pairs
     )
 

@@ -9,7 +9,7 @@ import numpy as np
 
 from dynkit.core.cost import Cost
 from dynkit.core.validation import Array, positive_integer
-from dynkit.orbits.newton import NoConvergence, solve
+from dynkit.orbits.newton import NoConvergence, NoSolution, solve
 from dynkit.systems.impact.orbits.itineraries.equations import ItineraryEquations
 from dynkit.systems.impact.orbits.itineraries.flying import flights_of
 from dynkit.systems.impact.orbits.itineraries.happening import Happening
@@ -27,7 +27,7 @@ from dynkit.systems.impact.orbits.machine import Machine
 from dynkit.systems.impact.orbits.orbit import NONE, ImpactOrbit
 from dynkit.systems.impact.simulation.sampling import sample_run
 from dynkit.systems.impact.simulation.state import TWO_PI, ImpactState
-from dynkit.systems.impact.simulation.trajectory import Trajectory
+from dynkit.systems.impact.simulation.trajectory import Ending, Trajectory
 
 if TYPE_CHECKING:
     from dynkit.systems.impact.impact_map import ImpactMap
@@ -159,7 +159,8 @@ def guess_of(
 def _sizes(system: ImpactMap, state: ImpactState, seen: Seen, length: float) -> list[float]:
     """Largest position and velocity, of motions that do not stand still."""
     run = run_for(system, state, length)
-    return sizes_of(system, run, seen, 0.0, min(length, run.duration))
+    stays = run.ending in (Ending.NO_FURTHER_CONTACT, Ending.CONTACT_FOR_EVER)  # in its last mode
+    return sizes_of(system, run, seen, 0.0, length if stays else min(length, run.duration))
 
 
 def sizes_of(
@@ -201,6 +202,9 @@ def _solved(problem: ItineraryEquations, guess: Array) -> tuple[Array, tuple[flo
 
 def _singular(problem: ItineraryEquations, x: Array) -> bool:
     """Whether the derivative of the equations is singular, but for rounding."""
-    matrix = problem.linearization(x, NONE) * problem.scale(x)
+    try:
+        matrix = problem.linearization(x, NONE) * problem.scale(x)
+    except NoSolution:
+        return False
     sizes = np.linalg.svd(matrix, compute_uv=False)
     return not sizes[-1] > _SINGULAR * sizes[0]
