@@ -107,3 +107,20 @@ def test_bounces_that_die_away_without_end_are_no_cycle() -> None:
     start = machine.attractor(transient=400, impacts=1).final
     with pytest.raises(NoConvergence, match="the motion does not come again"):
         machine.periodic_orbit(start=start)
+
+
+@pytest.mark.parametrize(("name", "bounds"), [("static", (0.4, 0.5)), ("force", (0.3, 0.4))])
+def test_branches_leave_equal_static_and_kinetic_forces(
+    name: str, bounds: tuple[float, float]
+) -> None:
+    # slip then begins with an acceleration that it has not where the two are equal
+    friction = DryFriction(0, force=0.4, static=0.4, name="joint")
+    machine = ImpactChain(
+        masses=1, damping=0.02, frequency=0.4, harmonic_forces=[1.0], elements=[friction]
+    )
+    orbit: Any = machine.attractor(transient=20, impacts=5).periodic_orbit()
+    branch = continue_orbit(orbit, f"joint.{name}", bounds=bounds)
+    assert branch.admissible.all()
+    there = branch.orbit(len(branch) // 2)
+    anew: Any = there.system.attractor(transient=20, impacts=5).periodic_orbit()
+    assert abs(there.states - anew.states).max() <= there.error + anew.error
