@@ -124,3 +124,44 @@ def test_branches_leave_equal_static_and_kinetic_forces(
     there = branch.orbit(len(branch) // 2)
     anew: Any = there.system.attractor(transient=20, impacts=5).periodic_orbit()
     assert abs(there.states - anew.states).max() <= there.error + anew.error
+
+
+@pytest.mark.parametrize("hard", [True, False], ids=["hard", "soft"])
+def test_an_orbit_whose_friction_turns_ends_where_it_reaches_a_stop(hard: bool) -> None:
+    # the mass is lowest where its friction turns, there its own velocity is zero
+    stop = HardStop if hard else SoftStop
+    own = {"restitution": 0.5} if hard else {"stiffness": 2.0}
+    end = stop(0, name="end", offset=-3.0, **own)
+    machine = ImpactChain(
+        masses=1,
+        damping=0.05,
+        frequency=0.7,
+        harmonic_forces=[1.0],
+        elements=[end, DryFriction(0, force=0.1)],
+    )
+    orbit: Any = machine.attractor().periodic_orbit()
+    turns = (orbit._solution.event_phases - orbit.phases[0]) / machine.frequency
+    lowest = orbit.sample(turns)[0].min()
+    branch = continue_orbit(orbit, "end.offset", bounds=(-3.0, -1.0))
+    (found,) = branch.bifurcations
+    assert found.kind == "GR"
+    assert found.admissible
+    assert abs(found.value - lowest) <= found.error + orbit.error
+    assert (branch.admissible == (branch.parameter < lowest)).all()
+
+
+def test_a_branch_in_the_damping_of_a_soft_stop_ends_at_zero_and_does_not_begin_there() -> None:
+    machine = ImpactChain(
+        masses=1,
+        damping=0.05,
+        frequency=0.7,
+        harmonic_forces=[1.0],
+        elements=[SoftStop(0, name="pad", offset=-0.3, stiffness=4.0, damping=0.05)],
+    )
+    orbit: Any = machine.attractor().periodic_orbit()
+    branch = continue_orbit(orbit, "pad.damping", bounds=(0.0, 0.1))
+    assert branch.endings[0].reason.name == "NO_SOLUTION"
+    assert branch.parameter[0] < 1e-8
+    without: Any = machine.replace(**{"pad.damping": 0.0}).attractor().periodic_orbit()
+    with pytest.raises(ValueError, match=r"got one at pad.damping 0:"):
+        continue_orbit(without, "pad.damping", bounds=(0.0, 0.1))

@@ -446,7 +446,7 @@ class Corner(Border):
     """What another element watches is zero at an event, beside which it is positive.
 
     Beyond, that element would switch just before the event, or just after. Where the number goes
-    on through the event, that turns its rate; else the event makes it jump.
+    on through the event, it has its minimum there; else the event makes it jump.
 
     Parameters
     ----------
@@ -473,20 +473,22 @@ class Corner(Border):
             SAME * solution.period
         ):
             return math.nan  # events at once have another order
-        value, rate, rounding = self._beside(solution, self.late)
-        least = _ZERO * max(rounding, 2.0**-52 * self.size(solution))
-        inside = rate > 0.0 if self.late else rate < 0.0
+        value, rises, rounding = self._beside(solution, self.late)
         if self.both:
-            other, its, _ = self._beside(solution, not self.late)
-            if abs(value - other) <= least:  # one number, which is watched once
-                inside = inside and not self.late and its > 0.0
-        return value if inside and abs(value) > least else math.inf
+            other, too, _ = self._beside(solution, not self.late)
+            if abs(value - other) <= rounding:  # one number, which is watched once
+                rises = rises and too and not self.late
+        return value if rises and abs(value) > rounding else math.inf
 
-    def _beside(self, solution: ItinerarySolution, late: bool) -> tuple[float, float, float]:
-        """The number just before or after the event, its rate, and its rounding."""
+    def _beside(self, solution: ItinerarySolution, late: bool) -> tuple[float, bool, float]:
+        """The number just before or after the event, whether it rises from there, its rounding."""
         curve = solution.curve((self.part - 1 + late) % solution.events, self.side, self.number)
-        value, rate = curve.values(np.array([0.0 if late else curve.lasts]), 2)[:, 0].tolist()
-        return value, rate, curve.rounding
+        at = np.array([0.0 if late else curve.lasts])
+        value, rate, bend = curve.values(at, 3)[:, 0].tolist()
+        least = _ZERO * max(curve.rounding, 2.0**-52 * self.size(solution))
+        # a minimum at the event, as of a gap where friction of its own mass turns
+        lowest = bend > 0.0 and rate * rate <= 2.0 * bend * least
+        return value, lowest or (rate > 0.0 if late else rate < 0.0), least
 
     def size(self, solution: Any) -> float:
         begins = (self.part - 1 + self.late) % solution.events
