@@ -59,9 +59,12 @@ def test_equal_balls_exchange_their_velocities(count: int) -> None:
 def test_a_mass_lies_on_another_stop_but_for_the_rounding_of_all_coordinates(speed: float) -> None:
     # pressed by three; as states of orbits are, in which changes of coordinates leave rounding
     stops = [HardStop(0, offset=-0.2, restitution=0.6), HardStop(2, restitution=0.5)]
-    forces = {"harmonic_forces": [0.4, 0.2, 0.1], "constant_forces": [0.0, 0.0, -3.0]}
+    forces: dict[str, Any] = {
+        "harmonic_forces": [0.4, 0.2, 0.1],
+        "constant_forces": [0.0, 0.0, -3.0],
+    }
     machine = ImpactChain(masses=3, frequency=0.9, elements=stops, **forces)
-    state = machine.impact_state([0.1, 0.1 * abs(speed), -0.6, speed, 0.5, 4.2])
+    state = machine.impact_state(np.array([0.1, 0.1 * abs(speed), -0.6, speed, 0.5, 4.2]))
     assert state.closed == (1,)
     record = machine.simulate(impacts=1, start=state)
     assert record.element.tolist() == [0]  # not an impact of rounding on the other stop

@@ -129,9 +129,8 @@ def test_branches_leave_equal_static_and_kinetic_forces(
 @pytest.mark.parametrize("hard", [True, False], ids=["hard", "soft"])
 def test_an_orbit_whose_friction_turns_ends_where_it_reaches_a_stop(hard: bool) -> None:
     # the mass is lowest where its friction turns, there its own velocity is zero
-    stop = HardStop if hard else SoftStop
-    own = {"restitution": 0.5} if hard else {"stiffness": 2.0}
-    end = stop(0, name="end", offset=-3.0, **own)
+    place: dict[str, Any] = {"coordinate": 0, "name": "end", "offset": -3.0}
+    end = HardStop(restitution=0.5, **place) if hard else SoftStop(stiffness=2.0, **place)
     machine = ImpactChain(
         masses=1,
         damping=0.05,
