@@ -173,7 +173,8 @@ class Bifurcation(Tabled):
 
         At PD it is on the branch of twice the period, and at BP on the crossing branch. At HB it is
         on the branch of the periodic orbits that are born, and at GR on the branches with one
-        impact more or less. SN, NS, RS and CB have none.
+        impact more or less, none where the contact is at another event. SN, NS, RS and CB have
+        none.
         """
         switch = KINDS[self.kind].switch
         return [] if switch is None else switch(self._place)

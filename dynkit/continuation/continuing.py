@@ -33,7 +33,7 @@ from dynkit.core.cost import Cost
 from dynkit.core.validation import Array, boolean, in_interval
 from dynkit.orbits.equations import Problem
 from dynkit.orbits.events import WatchedProblem, is_admissible
-from dynkit.orbits.newton import FixedParameters, correct
+from dynkit.orbits.newton import FixedParameters, NoSolution, correct
 
 if TYPE_CHECKING:
     from dynkit.orbits.equations import ProblemSolution
@@ -83,8 +83,8 @@ def continue_orbit(
     ------
     ValueError
         When the system has no such parameter, the bounds are reversed, or a number is out of range.
-        Also when the orbit lies outside of the bounds, does not solve its equations, or must be
-        admissible and is not.
+        Also when the orbit lies outside of the bounds, does not solve its equations, has no orbits
+        beside it, or must be admissible and is not.
 
     References
     ----------
@@ -141,7 +141,11 @@ def continue_by(
     if not beyond and not orbit.admissible:
         raise ValueError("orbit must be admissible where inadmissible=False; got one that is not")
     equations = OrbitEquations(problem, high - low)
-    start = start_points(equations, np.append(start_x, problem.values))[0]
+    try:
+        start = start_points(equations, np.append(start_x, problem.values))[0]
+    except NoSolution as end:
+        here = f"{parameter} {problem.values[0]:.10g}"
+        raise ValueError(f"orbit must have others beside it; got one at {here}: {end}") from end
     bound = Bound(problem.size, parameter, low, high)
 
     def follow(point: Point) -> Trace:

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from contextlib import suppress
+
 import numpy as np
 
 from dynkit.continuation.defining_systems import DIFFERENCE
 from dynkit.continuation.points import Point
 from dynkit.core.validation import Array
-from dynkit.orbits.newton import Equations
+from dynkit.orbits.newton import Equations, NoSolution
 
 
 def start_points(equations: Equations, y: Array) -> list[Point]:
@@ -28,7 +30,8 @@ def start_points(equations: Equations, y: Array) -> list[Point]:
     _, sizes, rows = np.linalg.svd(jacobian)
     directions = [rows[n]]
     if sizes[-1] <= 1e-7 * sizes[0]:
-        directions = crossing_directions(equations, y, scale) or directions
+        with suppress(NoSolution):  # at the end of a parameter's range no two curves cross
+            directions = crossing_directions(equations, y, scale) or directions
     points = []
     for direction in directions:
         # the sign of a tiny last component is rounding, and does not matter

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from itertools import pairwise
 from typing import Any
 
@@ -10,6 +11,7 @@ import pytest
 
 from dynkit.continuation.continuing import continue_orbit
 from dynkit.orbits.newton import NoConvergence, solve
+from dynkit.orbits.periodic_orbit import periodic_orbit
 from dynkit.orbits.problem import PeriodicOrbit
 from dynkit.systems import ImpactChain, Logistic
 from tests.continuation.families import Cycle, CycleProblem, Flat
@@ -132,3 +134,19 @@ def test_located_bifurcations_have_a_quadratic_history() -> None:
         for before, after in pairwise(bifurcation.history):
             # second derivatives of f are below 6 |x| < 12 here, first ones of the pair above 1
             assert after <= 12.0 * before**2 + 1e-9 * before + 1e-15
+
+
+@dataclass(frozen=True, kw_only=True)
+class _Half(Logistic):
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if self.rate < 1.0:
+            raise ValueError(f"rate must not be less than 1; got {self.rate}")
+
+
+def test_a_singular_orbit_at_the_end_of_a_range_goes_one_way() -> None:
+    # at rate 1 the branch of zero is crossed by another one
+    orbit = periodic_orbit(_Half(rate=1.0), [0.0])
+    branch = continue_orbit(orbit, "rate", bounds=(0.5, 1.5))
+    assert list(branch.parameter[[0, -1]]) == [1.0, 1.5]
+    assert branch.endings[0].reason.name == "NO_SOLUTION"

@@ -372,3 +372,23 @@ def test_disturbed_motions_go_forward_in_time(forces: list[float], noise: float)
         twin = trajectory_of(machine, machine.state(), 12, store=True, noise=noise, seed=seed)
         assert (np.diff(twin.segments.begin) >= 0.0).all()
         assert twin.time[-1] == pytest.approx(exact[-1], abs=100.0 * noise)
+
+
+def test_a_motion_that_ends_where_friction_begins_to_slip_goes_on_in_its_direction() -> None:
+    # the velocity of slip is zero there, but for rounding, and does not tell the direction
+    machine = ImpactChain(
+        masses=1,
+        damping=1.0,
+        frequency=1.0,
+        harmonic_forces=[0.01],
+        elements=[
+            HardStop(0, offset=-5.0, restitution=0.5),
+            DryFriction(0, force=0.3, static=0.4, velocity=0.5),
+        ],
+    )
+    record = machine.simulate(impacts=1, start=machine.state([-0.5], [0.5]))
+    assert record.final.closed == (1,)
+    times = np.array([0.0, 1.0, 5.0, 10.0])
+    on = machine.simulate(impacts=1, start=record.final)
+    late = record._run.duration
+    assert abs(on.sample(times)[0] - record.sample(times + late)[0]).max() < 1e-13

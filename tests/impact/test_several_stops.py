@@ -55,6 +55,22 @@ def test_equal_balls_exchange_their_velocities(count: int) -> None:
     assert record.ambiguous is None
 
 
+@pytest.mark.parametrize("speed", [0.0, 1e-20, -1e-20, 1e-15])
+def test_a_mass_lies_on_another_stop_but_for_the_rounding_of_all_coordinates(speed: float) -> None:
+    # pressed by three; as states of orbits are, in which changes of coordinates leave rounding
+    stops = [HardStop(0, offset=-0.2, restitution=0.6), HardStop(2, restitution=0.5)]
+    forces: dict[str, Any] = {
+        "harmonic_forces": [0.4, 0.2, 0.1],
+        "constant_forces": [0.0, 0.0, -3.0],
+    }
+    machine = ImpactChain(masses=3, frequency=0.9, elements=stops, **forces)
+    state = machine.impact_state(np.array([0.1, 0.1 * abs(speed), -0.6, speed, 0.5, 4.2]))
+    assert state.closed == (1,)
+    record = machine.simulate(impacts=1, start=state)
+    assert record.element.tolist() == [0]  # not an impact of rounding on the other stop
+    assert record.error[0] < 1e-12
+
+
 @pytest.mark.parametrize("restitution", [0.5, 0.75, 0.9])
 def test_the_last_ball_of_a_row_is_as_fast_as_the_closed_form_says(restitution: float) -> None:
     count = 6

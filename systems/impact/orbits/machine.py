@@ -530,8 +530,11 @@ class Machine:
         return out, forces
 
     def _regime(self, number: int, element: int) -> Any:
-        """Numbers of what an element does and watches in a regime."""
-        return self._own[element][self._begins[element][number] :]
+        """Numbers of what an element does and watches in a regime; NoSolution where it has none."""
+        found = self._own[element][self._begins[element][number] :]
+        if not len(found):  # a soft stop lifts only with a dashpot
+            raise NoSolution("what an element does changes there")
+        return found
 
     def _pushes(self, mode: Regimes) -> Any:
         """(N, h) what unit forces along what is held do, with the friction that they cause."""

@@ -185,7 +185,7 @@ class ImpactProblem(PeriodicProblem, WatchedProblem):
     @cached_property
     def pairs(self) -> list[divided.Pair | None]:
         """Of each event the one before at which its guard is zero by nature."""
-        return divided.pairs(self.oscillator, self.itinerary)
+        return divided.pairs(self.oscillator, self.itinerary, self._names)
 
     @cached_property
     def beginnings(self) -> list[Begun]:

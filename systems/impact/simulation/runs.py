@@ -15,7 +15,14 @@ from dynkit.exponential.propagators import cells_of_a_call, workspace
 from dynkit.systems.impact.elements.element import HALT, IMPACT, REST, RIDES, EventKind
 from dynkit.systems.impact.modes.constrained import ContactParadox
 from dynkit.systems.impact.modes.mode import transformed
-from dynkit.systems.impact.simulation.state import TOUCHED, TWO_PI, ImpactState, Motion, state_of
+from dynkit.systems.impact.simulation.state import (
+    TOUCHED,
+    TWO_PI,
+    ImpactState,
+    Motion,
+    state_of,
+    sticking,
+)
 from dynkit.systems.impact.simulation.trajectory import Ending, Impacts, Switches, Trajectory
 
 if TYPE_CHECKING:
@@ -410,6 +417,7 @@ class Course:
         kind, _, speed = self._left[element, :3].tolist()
         motion = _MOTIONS[int(kind)]
         closed: list[int] = []
+        switched = element if element >= len(oscillator._stops) else -1
         if mode:
             state, closed = automaton.freed(mode, state)
         still = self._left[:, clock_kernels.MOTION] == clock_kernels.STILL
@@ -428,9 +436,16 @@ class Course:
         turn = np.array([sine, cosine])
         if free.layout.table < 0:
             turn = clock[[clock_kernels.SINE, clock_kernels.COSINE]]
+        reached = state_of(oscillator, q, turn, speed, element, motion, tuple(closed))
+        if switched not in (-1, *closed) and not oscillator._cycled:
+            # where it has just begun to slip, its velocity does not tell which way
+            places = reached.position, reached.velocity, turn, tuple(hard)
+            if switched in sticking(oscillator, *places):
+                closed.append(switched)
+                reached = state_of(oscillator, q, turn, speed, element, motion, tuple(closed))
         return Trajectory(
             self._start,
-            state_of(oscillator, q, turn, speed, element, motion, tuple(closed)),
+            reached,
             log,
             Switches(*(array[:k] for array in self._switches)),
             tuple(automaton.regimes),

@@ -302,12 +302,9 @@ def touched(
     for k, (stop, contact) in enumerate(stands):
         row, *seen = seen_along(contact, x, v)
         prescribed = on_stop(stop, oscillator.frequency, turn, 0.0)
-        speed = prescribed[1]
         gap, rate = (stop.sign * (a - b) for a, b in zip(seen, prescribed, strict=True))
-        near, slow = (
-            TOUCHED * (float(abs(row) @ abs(part)) + size)
-            for part, size in ((x, stop.amplitude + abs(stop.offset)), (v, abs(speed)))
-        )
+        near = TOUCHED * (_rounding(row, x) + stop.amplitude + abs(stop.offset))
+        slow = TOUCHED * (_rounding(row, v) + abs(prescribed[1]))
         if k != element and gap < -near:
             raise Refused(f"{along(stop, 'position')} must not be beyond stop {k}, by {-gap}")
         if k != element and gap <= near and abs(rate) <= slow:
@@ -365,10 +362,7 @@ def sticking(
         if any(regime.sticks for regime in element.regimes) and not off:
             row = oscillator._functions[k].gradient(x)
             speed = element.drift + element.swing_rate(oscillator.frequency, *turn.tolist())
-            slow = TOUCHED * (float(abs(row) @ abs(v)) + abs(speed))
-            if k in normal:  # an impact may have stopped it, but for the rounding of all velocities
-                slow = TOUCHED * (float(abs(row).sum()) * float(abs(v).max()) + abs(speed))
-            still = abs(float(row @ v) - speed) <= slow
+            still = abs(float(row @ v) - speed) <= TOUCHED * (_rounding(row, v) + abs(speed))
             if still and parts.along(touched, k) is False:
                 found.append(k)
         elif any(regime.holds for regime in element.regimes) and k >= len(oscillator._stops):
@@ -393,10 +387,14 @@ def _rests(oscillator: DrivenStructure, k: int, x: Array, v: Array, turn: Array)
     speed = float(element.swing_rate(oscillator.frequency, *turn.tolist()))
     pairs = (x, function(x), (swing, element.offset)), (v, row @ v, (speed,))
     return all(
-        abs(float(seen) - sum(own))
-        <= TOUCHED * (float(abs(row).sum() * abs(part).max()) + sum(map(abs, own)))
-        for part, seen, own in pairs  # rounding is that of all coordinates
+        abs(float(seen) - sum(own)) <= TOUCHED * (_rounding(row, part) + sum(map(abs, own)))
+        for part, seen, own in pairs
     )
+
+
+def _rounding(row: Array, part: Array) -> float:
+    """Size of what rounds a sum along a row: changes of coordinates mix all of them."""
+    return float(abs(row).sum() * abs(part).max())
 
 
 TOUCHED = 2.0**-46

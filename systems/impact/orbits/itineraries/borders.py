@@ -77,6 +77,12 @@ def borders_of(problem: Any, s: ItinerarySolution) -> Iterator[Border]:
             yield FlatRelease(problem, i, 0, itinerary[i].element)
     for begun in problem.beginnings:
         yield Beginning(problem, begun)
+    for i, event in enumerate(() if problem.oscillator._faces else itinerary):
+        after = itinerary[(i + 1) % n].mode.watched
+        for late, watched in enumerate((event.mode.watched, after)):
+            for element, guard in watched:
+                if not event.chatters and element != event.element:
+                    yield Corner(problem, i, element, guard, bool(late))
 
 
 @final
@@ -155,6 +161,8 @@ def beginnings(system: Any, itinerary: Itinerary) -> list[Begun]:
     found = []
     for i, event in enumerate(itinerary):
         k, after = event.element, itinerary[(i + 1) % len(itinerary)].mode
+        if k < 0:  # a time at which nothing happens
+            continue
         landed = [j for j, stop in system._automaton.parts.normal.items() if stop == k]
         begins = [j for j in ([] if event.chatters else [k]) + landed if j in after.held]
         found += [
@@ -164,7 +172,7 @@ def beginnings(system: Any, itinerary: Itinerary) -> list[Begun]:
         ]
         regimes = system._elements[k].regimes
         watch = regimes[event.mode.numbers[k]].guards[event.guard]
-        if k >= 0 and watch.event == HALT and k not in after.held:
+        if watch.event == HALT and k not in after.held:
             numbers = list(after.numbers)
             numbers[k] = watch.to
             stuck = regimes_of(system, system._automaton.parts.settled(numbers))
@@ -433,6 +441,66 @@ class TouchingGuard(Touching):
         return found
 
 
+@final
+class Corner(Border):
+    """What another element watches is zero at an event, beside which it is positive.
+
+    Beyond, that element would switch just before the event, or just after. Where the number goes
+    on through the event, it has its minimum there; else the event makes it jump.
+
+    Parameters
+    ----------
+    problem : ItineraryEquations
+    part : int
+        Number of the event.
+    element, guard : int
+    late : bool
+        Whether it is watched just after the event, and not just before.
+    """
+
+    kind, ends = BifurcationKind.GR, False
+    problem: Any
+
+    def __init__(self, problem: Any, part: int, element: int, guard: int, late: bool) -> None:
+        super().__init__(problem, part, guard, element)
+        modes = [problem.itinerary[i % len(problem.itinerary)].mode for i in (part, part + 1)]
+        self.late, self.both = late, all((element, guard) in mode.watched for mode in modes)
+        if element in modes[late].held and element < len(problem.oscillator._stops):
+            self.kind = BifurcationKind.CB
+
+    def value(self, solution: ItinerarySolution) -> float:
+        if min(solution.durations[self.part], solution.durations[self.part - 1]) <= (
+            SAME * solution.period
+        ):
+            return math.nan  # events at once have another order
+        value, rises, rounding = self._beside(solution, self.late)
+        if self.both:
+            other, too, _ = self._beside(solution, not self.late)
+            if abs(value - other) <= rounding:  # one number, which is watched once
+                rises = rises and too and not self.late
+        return value if rises and abs(value) > rounding else math.inf
+
+    def _beside(self, solution: ItinerarySolution, late: bool) -> tuple[float, bool, float]:
+        """The number just before or after the event, whether it rises from there, its rounding."""
+        curve = solution.curve((self.part - 1 + late) % solution.events, self.side, self.number)
+        at = np.array([0.0 if late else curve.lasts])
+        value, rate, bend = curve.values(at, 3)[:, 0].tolist()
+        least = _ZERO * max(curve.rounding, 2.0**-52 * self.size(solution))
+        # a minimum at the event, as of a gap where friction of its own mass turns
+        lowest = bend > 0.0 and rate * rate <= 2.0 * bend * least
+        return value, lowest or (rate > 0.0 if late else rate < 0.0), least
+
+    def size(self, solution: Any) -> float:
+        begins = (self.part - 1 + self.late) % solution.events
+        return float(solution.size_of(begins, self.side, self.number))
+
+    def left(self, solution: Any, own: Array) -> Any:  # noqa: ARG002
+        return [self._beside(solution, self.late)[0] / self.size(solution)]
+
+    def place(self, solution: Any, own: Array) -> tuple[float, int]:  # noqa: ARG002
+        return float(solution.event_phases[self.part]), self.side
+
+
 def _way_back(system: Any, mode: Regimes, k: int, number: int) -> list[Happening]:
     """Events, as few as can be, by which an element of a mode comes to a regime; empty if none do.
 
@@ -467,6 +535,8 @@ def named(border: Border, solution: ItinerarySolution) -> str:
     """What happens where a border is met."""
     if isinstance(border, Beginning | VanishingInterval | TouchingGuard):
         return border.name(solution)
+    if isinstance(border, Corner):
+        return "at once"
     if isinstance(border, StickAtImpact):
         return "stick at impact"
     return "jump of the law" if isinstance(border, LawJump) else "grazing"

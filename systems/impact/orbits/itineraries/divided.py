@@ -10,13 +10,14 @@ and the branch ends. Motions are those of a `ShootingSolution`.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
 from dynkit.core.validation import Array
 from dynkit.systems.impact.orbits.itineraries.happening import Happening, Itinerary
+from dynkit.systems.impact.records.event_counts import element_names
 
 if TYPE_CHECKING:
     from dynkit.systems.impact.impact_map import ImpactMap
@@ -29,12 +30,21 @@ class Pair(NamedTuple):
     order: int
 
 
-def pairs(oscillator: ImpactMap, itinerary: Itinerary) -> list[Pair | None]:
-    """Of each event, (n,), the one before it at which its guard was zero by nature."""
-    return [_pair(oscillator, itinerary, i) for i in range(len(itinerary))]
+def pairs(oscillator: ImpactMap, itinerary: Itinerary, free: Iterable[str]) -> list[Pair | None]:
+    """Of each event, (n,), the one before it at which its guard was zero by nature.
+
+    Slip begins without acceleration where the static force is the kinetic one, unless a parameter
+    that is free makes them differ.
+    """
+    owners = {name.rpartition(".")[0] for name in free if name.rpartition(".")[2] in _FORCES}
+    parted = {k for k, name in enumerate(element_names(oscillator)) if name in owners}
+    return [_pair(oscillator, itinerary, i, parted) for i in range(len(itinerary))]
 
 
-def _pair(oscillator: ImpactMap, itinerary: Itinerary, i: int) -> Pair | None:
+_FORCES = "force", "static", "coefficient"
+
+
+def _pair(oscillator: ImpactMap, itinerary: Itinerary, i: int, parted: set[int]) -> Pair | None:
     event, n = itinerary[i], len(itinerary)
     if event.element < 0 or event.kicked:
         return None
@@ -50,7 +60,8 @@ def _pair(oscillator: ImpactMap, itinerary: Itinerary, i: int) -> Pair | None:
         before = watch_of(oscillator, other)
         sticks = other.element in other.mode.held
         if sticks and back == 1 and own.rate and not (own.gap or own.force):
-            straight = not oscillator._elements[event.element].curved
+            curved = oscillator._elements[event.element].curved
+            straight = not curved and event.element not in parted
             return Pair(first, max(before.order * straight, 1))
         gaps = own.gap and before.gap and not (own.rate or own.force or before.rate or before.force)
         if gaps and number and not other.mode.numbers[other.element]:

@@ -41,6 +41,9 @@ LEAST = 1e-13
 SLOW = 1e-9
 """Impacts of what sticks that are slower, beside the fastest, are rounding."""
 
+_AT_REST = 2.0**-40
+"""Largest position or velocity, over its typical size, of orbits that stand still at zero."""
+
 _STEPS, _SOLVED = 20, 1e-12
 """Steps of Newton's method to a return, and the last of them, in units of the unknowns."""
 
@@ -303,6 +306,7 @@ class ItineraryEquations(ImpactProblem):
             states = self.layout.split(x)[2].reshape(self.parts, -1)
             n = self.oscillator.degrees_of_freedom
             sizes = np.array([abs(states[:, :n]).max(), abs(states[:, n : 2 * n]).max()])
+            sizes = np.maximum(sizes, _AT_REST * self._measures[[0, n]])
             sizes += self.dimension == 2
             scaled = states / sizes[np.repeat([0, 1, 0], [n, n, self.dimension - 2 * n])]
             turn = np.exp(1j * phases)[:, None]

@@ -9,7 +9,7 @@ import numpy as np
 
 from dynkit.core.cost import Cost
 from dynkit.core.validation import Array, positive_integer
-from dynkit.orbits.newton import NoConvergence, solve
+from dynkit.orbits.newton import NoConvergence, NoSolution, solve
 from dynkit.systems.impact.orbits.itineraries.equations import ItineraryEquations
 from dynkit.systems.impact.orbits.itineraries.flying import flights_of
 from dynkit.systems.impact.orbits.itineraries.happening import Happening
@@ -40,6 +40,7 @@ _STUCK = (
     "no isolated periodic orbit found from the guess: it is one of a family, as a slider that "
     "never slips may be anywhere; got {!r}"
 )
+_NEVER = "the motion does not come again: the nearest solution of its equations is no motion"
 _HELD = "the motion is not released by a stop at the same phase again"
 _SINGULAR = 1e-13
 """Ratio of singular values of the equations' derivative: where it is less, it is rounding."""
@@ -85,7 +86,10 @@ def orbit_near(system: ImpactMap, state: ImpactState, periods: int) -> ImpactOrb
     x, history = _solved(problem, guess)
     cost = Cost(time.perf_counter() - began, {"steps": len(history) - 1})
     problem, x = problem.shortest(x)
-    return ImpactOrbit(*problem.in_turn(x), history, cost)
+    found = ImpactOrbit(*problem.in_turn(x), history, cost)
+    if not driven and not found.admissible:  # bounces that die away are like one of period zero
+        raise NoConvergence(_NEVER)
+    return found
 
 
 def _of_contact(seen: Seen, length: float, turn: float) -> Seen:
@@ -151,7 +155,8 @@ def guess_of(
 def _sizes(system: ImpactMap, state: ImpactState, seen: Seen, length: float) -> list[float]:
     """Largest position and velocity, of motions that do not stand still."""
     run = run_for(system, state, length)
-    return sizes_of(system, run, seen, 0.0, min(length, run.duration))
+    stays = run.ending in (Ending.NO_FURTHER_CONTACT, Ending.CONTACT_FOR_EVER)  # in its last mode
+    return sizes_of(system, run, seen, 0.0, length if stays else min(length, run.duration))
 
 
 def sizes_of(
@@ -193,6 +198,9 @@ def _solved(problem: ItineraryEquations, guess: Array) -> tuple[Array, tuple[flo
 
 def _singular(problem: ItineraryEquations, x: Array) -> bool:
     """Whether the derivative of the equations is singular, but for rounding."""
-    matrix = problem.linearization(x, NONE) * problem.scale(x)
+    try:
+        matrix = problem.linearization(x, NONE) * problem.scale(x)
+    except NoSolution:
+        return False
     sizes = np.linalg.svd(matrix, compute_uv=False)
     return not sizes[-1] > _SINGULAR * sizes[0]

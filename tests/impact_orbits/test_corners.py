@@ -1,0 +1,166 @@
+"""Borders at which two things happen at once: closed forms, and simulation on both sides."""
+
+from typing import Any
+
+import numpy as np
+import pytest
+
+from dynkit import NoConvergence, continue_orbit
+from dynkit.systems import (
+    DryFriction,
+    HardStop,
+    ImpactChain,
+    MatrixOscillator,
+    SoftStop,
+    ViscoelasticSpheres,
+)
+
+FIRST = HardStop(0, offset=-0.3, amplitude=0.1, phase=1.0, restitution=0.5, name="a")
+
+
+def machine(*others: Any) -> ImpactChain:
+    return ImpactChain(
+        masses=1, damping=0.1, frequency=0.8, harmonic_forces=[1.0], elements=[FIRST, *others]
+    )
+
+
+@pytest.mark.parametrize(
+    "other",
+    [
+        HardStop(0, offset=-0.6, restitution=0.5, name="b"),
+        SoftStop(0, offset=-0.6, stiffness=5.0, damping=0.3, name="b"),
+    ],
+    ids=["hard", "soft"],
+)
+def test_an_orbit_ends_where_another_stop_reaches_the_place_of_an_impact(other: Any) -> None:
+    # the mass turns at its impacts, so that its lowest place is that of one of them
+    orbit: Any = machine(other).attractor(transient=100, impacts=20).periodic_orbit()
+    assert orbit.label == "P(2,1)"
+    lowest = orbit.sample(orbit.time)[0].min()
+    branch = continue_orbit(orbit, "b.offset", bounds=(-0.6, -0.3))
+    (found,) = (b for b in branch.bifurcations if b.admissible)
+    assert found.kind == "GR"
+    assert abs(found.value - lowest) <= found.error + orbit.error
+    assert found.switch() == []
+    assert "at once" in found.touching
+    assert (branch.admissible == (branch.parameter < lowest)).all()
+
+
+def test_an_orbit_ends_where_an_impact_only_just_keeps_friction_slipping() -> None:
+    # masses couple the two rows, so that an impact makes the velocity of slip jump
+    machine = MatrixOscillator(
+        M=[[1.0, 0.4], [0.4, 1.0]],
+        C=0.1 * np.eye(2),
+        K=[[1.2, -0.3], [-0.3, 1.0]],
+        frequency=0.742,
+        harmonic_forces=[1.0, 0.482],
+        elements=[
+            HardStop(0, offset=-0.3, restitution=0.6, name="a"),
+            DryFriction(1, force=0.0714, velocity=0.3, name="belt"),
+        ],
+    )
+    orbit: Any = machine.attractor(transient=100, impacts=20).periodic_orbit()
+    branch = continue_orbit(orbit, "belt.velocity", bounds=(0.3, 0.45))
+    (found,) = branch.bifurcations
+    after = found.orbit.sample([found.touching["at once"] + 1e-9])[1][0, 1]
+    assert abs(after - found.value) < 1e-7
+    assert (branch.admissible == (branch.parameter < found.value)).all()
+
+
+def test_friction_that_no_stop_presses_is_not_watched_where_nothing_happens() -> None:
+    stop = HardStop(0, offset=-1.0, amplitude=0.1, restitution=0.5, name="stop")
+    machine = ImpactChain(
+        masses=2,
+        damping=0.2,
+        frequency=1.1,
+        elements=[stop, DryFriction(1, coefficient=0.3, normal="stop")],
+    )
+    orbit: Any = machine.attractor().periodic_orbit()
+    assert orbit.label == "P(0,1)"
+    assert orbit.admissible
+    assert not continue_orbit(orbit, "frequency", bounds=(1.0, 1.2)).bifurcations
+
+
+def test_a_motion_that_begins_at_rest_and_reaches_no_stop_has_its_orbit() -> None:
+    # known at once, so that the motion lasts no time; the response of a chain in closed form
+    stop = HardStop(0, offset=-1.0, restitution=0.5)
+    machine = ImpactChain(
+        masses=2, damping=0.2, frequency=1.1, harmonic_forces=[0.1, 0.0], elements=[stop]
+    )
+    orbit: Any = machine.attractor().periodic_orbit()
+    assert orbit.label == "P(0,1)"
+    w, m, c, k = 1.1, machine.mass, machine.damping_matrix, machine.stiffness
+    amplitudes = np.linalg.solve(k - w**2 * m + 1j * w * c, np.asarray(machine.harmonic_forces))
+    positions = orbit.sample(np.linspace(0.0, orbit.period, 5))[0]
+    turns = np.exp(1j * (orbit.phases[0] + np.linspace(0.0, 2.0 * np.pi, 5)))
+    convention = [np.outer(turns, a).imag for a in (amplitudes, 1j * amplitudes)]
+    assert min(abs(positions - x).max() for x in convention) < 1e-13
+
+
+def test_bounces_that_die_away_without_end_are_no_cycle() -> None:
+    machine = ImpactChain(
+        masses=3,
+        frequency=1.7,
+        constant_forces=[-0.1, 0.36, -0.31],
+        elements=[HardStop(1, offset=0.18, side="above", restitution=ViscoelasticSpheres(0.13))],
+    )
+    start = machine.attractor(transient=400, impacts=1).final
+    with pytest.raises(NoConvergence):  # which one of two reasons is rounding
+        machine.periodic_orbit(start=start)
+
+
+@pytest.mark.parametrize(("name", "bounds"), [("static", (0.4, 0.5)), ("force", (0.3, 0.4))])
+def test_branches_leave_equal_static_and_kinetic_forces(
+    name: str, bounds: tuple[float, float]
+) -> None:
+    # slip then begins with an acceleration that it has not where the two are equal
+    friction = DryFriction(0, force=0.4, static=0.4, name="joint")
+    machine = ImpactChain(
+        masses=1, damping=0.02, frequency=0.4, harmonic_forces=[1.0], elements=[friction]
+    )
+    orbit: Any = machine.attractor(transient=20, impacts=5).periodic_orbit()
+    branch = continue_orbit(orbit, f"joint.{name}", bounds=bounds)
+    assert branch.admissible.all()
+    there = branch.orbit(len(branch) // 2)
+    anew: Any = there.system.attractor(transient=20, impacts=5).periodic_orbit()
+    assert abs(there.states - anew.states).max() <= there.error + anew.error
+
+
+@pytest.mark.parametrize("hard", [True, False], ids=["hard", "soft"])
+def test_an_orbit_whose_friction_turns_ends_where_it_reaches_a_stop(hard: bool) -> None:
+    # the mass is lowest where its friction turns, there its own velocity is zero
+    place: dict[str, Any] = {"coordinate": 0, "name": "end", "offset": -3.0}
+    end = HardStop(restitution=0.5, **place) if hard else SoftStop(stiffness=2.0, **place)
+    machine = ImpactChain(
+        masses=1,
+        damping=0.05,
+        frequency=0.7,
+        harmonic_forces=[1.0],
+        elements=[end, DryFriction(0, force=0.1)],
+    )
+    orbit: Any = machine.attractor().periodic_orbit()
+    turns = (orbit._solution.event_phases - orbit.phases[0]) / machine.frequency
+    lowest = orbit.sample(turns)[0].min()
+    branch = continue_orbit(orbit, "end.offset", bounds=(-3.0, -1.0))
+    (found,) = branch.bifurcations
+    assert found.kind == "GR"
+    assert found.admissible
+    assert abs(found.value - lowest) <= found.error + orbit.error
+    assert (branch.admissible == (branch.parameter < lowest)).all()
+
+
+def test_a_branch_in_the_damping_of_a_soft_stop_ends_at_zero_and_does_not_begin_there() -> None:
+    machine = ImpactChain(
+        masses=1,
+        damping=0.05,
+        frequency=0.7,
+        harmonic_forces=[1.0],
+        elements=[SoftStop(0, name="pad", offset=-0.3, stiffness=4.0, damping=0.05)],
+    )
+    orbit: Any = machine.attractor().periodic_orbit()
+    branch = continue_orbit(orbit, "pad.damping", bounds=(0.0, 0.1))
+    assert branch.endings[0].reason.name == "NO_SOLUTION"
+    assert branch.parameter[0] < 1e-8
+    without: Any = machine.replace(**{"pad.damping": 0.0}).attractor().periodic_orbit()
+    with pytest.raises(ValueError, match=r"got one at pad.damping 0:"):
+        continue_orbit(without, "pad.damping", bounds=(0.0, 0.1))
