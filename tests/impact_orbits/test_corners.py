@@ -14,6 +14,9 @@ from dynkit.systems import (
     SoftStop,
     ViscoelasticSpheres,
 )
+from dynkit.systems.impact.orbits.exponentials import run_through
+from dynkit.systems.impact.orbits.itineraries import linear
+from dynkit.systems.impact.orbits.itineraries.borders import Corner
 
 FIRST = HardStop(0, offset=-0.3, amplitude=0.1, phase=1.0, restitution=0.5, name="a")
 
@@ -164,3 +167,25 @@ def test_a_branch_in_the_damping_of_a_soft_stop_ends_at_zero_and_does_not_begin_
     without: Any = machine.replace(**{"pad.damping": 0.0}).attractor().periodic_orbit()
     with pytest.raises(ValueError, match=r"got one at pad.damping 0:"):
         continue_orbit(without, "pad.damping", bounds=(0.0, 0.1))
+
+
+def test_what_others_watch_at_an_event_needs_no_exponentials(monkeypatch: Any) -> None:
+    other = SoftStop(0, offset=-0.6, stiffness=5.0, damping=0.3, name="b")
+    orbit: Any = machine(other).attractor(transient=100, impacts=20).periodic_orbit()
+    problem = orbit.problem()
+    calls: list[Any] = []
+
+    def counted(*given: Any) -> Any:
+        calls.append(given)
+        return run_through(*given)
+
+    monkeypatch.setattr(linear, "run_through", counted)
+    solution = problem._solution(orbit.unknowns, problem.scene(problem.values))
+    borders = sorted(problem.borders(solution), key=lambda border: isinstance(border, Corner))
+    asked = []
+    for border in borders:
+        border.value(solution)
+        asked.append(len(calls))
+    corners = sum(isinstance(border, Corner) for border in borders)
+    assert corners > 1
+    assert asked[-1] == asked[-1 - corners] > 0

@@ -78,10 +78,14 @@ def borders_of(problem: Any, s: ItinerarySolution) -> Iterator[Border]:
     for begun in problem.beginnings:
         yield Beginning(problem, begun)
     for i, event in enumerate(() if problem.oscillator._faces else itinerary):
-        after = itinerary[(i + 1) % n].mode.watched
-        for late, watched in enumerate((event.mode.watched, after)):
-            for element, guard in watched:
-                if not event.chatters and element != event.element:
+        both = event.mode, itinerary[(i + 1) % n].mode
+        for late, mode in enumerate(both):
+            for element, guard in mode.watched:
+                if event.chatters or element == event.element:
+                    continue
+                numbers = [now.numbers[element] for now in both]
+                # gaps go on through events, and are watched once
+                if not (late and element < len(stops) and numbers == [0, 0]):
                     yield Corner(problem, i, element, guard, bool(late))
 
 
@@ -474,17 +478,18 @@ class Corner(Border):
         ):
             return math.nan  # events at once have another order
         value, rises, rounding = self._beside(solution, self.late)
+        if not rises:
+            return math.inf
         if self.both:
             other, too, _ = self._beside(solution, not self.late)
             if abs(value - other) <= rounding:  # one number, which is watched once
-                rises = rises and too and not self.late
+                rises = too and not self.late
         return value if rises and abs(value) > rounding else math.inf
 
     def _beside(self, solution: ItinerarySolution, late: bool) -> tuple[float, bool, float]:
         """The number just before or after the event, whether it rises from there, its rounding."""
         curve = solution.curve((self.part - 1 + late) % solution.events, self.side, self.number)
-        at = np.array([0.0 if late else curve.lasts])
-        value, rate, bend = curve.values(at, 3)[:, 0].tolist()
+        value, rate, bend = curve.nodes[1][:, 0 if late else -1].tolist()
         least = _ZERO * max(curve.rounding, 2.0**-52 * self.size(solution))
         # a minimum at the event, as of a gap where friction of its own mass turns
         lowest = bend > 0.0 and rate * rate <= 2.0 * bend * least

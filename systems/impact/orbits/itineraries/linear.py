@@ -47,7 +47,7 @@ class LinearSolution(ShootingSolution):
         row = self.machine.rate(int(self.sides[i])) @ self.flows[k]
         return float(row @ self.after[k]), 64.0 * _ROUNDING * float(abs(row) @ abs(self.after[k]))
 
-    def curve(self, i: int, element: int, guard: int = 0) -> Curve:
+    def _curve(self, i: int, element: int, guard: int) -> Curve:
         mode = self.following[i].mode
         row, flow = self.machine.watched(mode, element, guard), self.flows[i]
         start, m, lasts = self.begun(i), self.measures, float(self.durations[i]) - self._late(i)

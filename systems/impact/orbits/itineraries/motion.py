@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from typing import Any, ClassVar, NamedTuple
+from typing import Any, ClassVar, NamedTuple, final
 
 import numpy as np
 
@@ -84,6 +84,7 @@ class ItinerarySolution(ABC):
         self.hits, self.impulse_of, self.sides = course.hits, course.impulse_of, course.sides
         self.events = len(self.itinerary)
         self.impulses, self.event_phases = lap.impulses, lap.phases[:-1]
+        self._curves: dict[tuple[int, int, int], Curve] = {}
 
     @property
     def durations(self) -> Any:
@@ -108,9 +109,17 @@ class ItinerarySolution(ABC):
 
     # --- what is watched --------------------------------------------------------------------------
 
-    @abstractmethod
+    @final
     def curve(self, i: int, element: int, guard: int = 0) -> Curve:
         """What an element watches from event number `i` to the next."""
+        key = i, element, guard
+        if key not in self._curves:
+            self._curves[key] = self._curve(*key)
+        return self._curves[key]
+
+    @abstractmethod
+    def _curve(self, i: int, element: int, guard: int) -> Curve:
+        """The same, not kept."""
 
     @abstractmethod
     def size_of(self, i: int, element: int, guard: int) -> float:

@@ -309,7 +309,7 @@ class ResponseSolution(ItinerarySolution):
         watch_gaps(*kept, *own, self.lasts, self.sides, self.assembled.following, buffer, out)
         return out
 
-    def curve(self, i: int, element: int, guard: int = 0) -> Curve:  # noqa: ARG002
+    def _curve(self, i: int, element: int, guard: int) -> Curve:  # noqa: ARG002
         from dynkit.systems.impact.orbits.itineraries.response_kernels import follow_gap
 
         start, phase = self.states[i : i + 1], float(self.event_phases[i])

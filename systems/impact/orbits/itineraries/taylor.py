@@ -95,7 +95,7 @@ class TaylorSolution(ShootingSolution):
         late = self._late(i)
         return self._modes[i].path(self.begun(i), float(self.durations[i]) - late), late
 
-    def curve(self, i: int, element: int, guard: int = 0) -> Curve:
+    def _curve(self, i: int, element: int, guard: int) -> Curve:
         (path, late), flights, parts, size = self._path(i), self._modes[i], [], 0.0
         for begin, end in pairwise([*path.ends[:-1].tolist(), path.reach]):
             places = 0.5 * (begin + end) + 0.5 * (end - begin) * _PLACES
