@@ -163,6 +163,27 @@ def test_friction_sticks_and_slips_between_the_contacts() -> None:
     assert len(branch.parameter) < 60  # what is nowhere near a border shortens no step
 
 
+def test_friction_holds_a_mass_on_a_stop_that_does_not_bear_it_any_more() -> None:
+    machine = ImpactChain(
+        masses=1,
+        damping=0.15,
+        frequency=0.8,
+        harmonic_forces=[1.6],
+        elements=[
+            HardStop(0, offset=-0.05, side="below", restitution=0.0),
+            DryFriction(0, force=0.25, static=0.4),
+        ],
+    )
+    attractor = machine.attractor(transient=100, impacts=20)
+    orbit: Any = attractor.periodic_orbit()
+    assert orbit.label == str(attractor.label) == "P(inf,1)"
+    assert orbit.admissible
+    times = np.linspace(0.0, orbit.period, 40)
+    motion = attractor.record.sample(orbit.period - attractor.record.start.phase / 0.8 + times)
+    own = orbit.sample(orbit.period - orbit.phases[0] / 0.8 + times)
+    assert np.array(own) == pytest.approx(np.array(motion), abs=1e-9)
+
+
 def test_a_branch_is_followed_in_numbers_of_an_element() -> None:
     orbit = orbit_of("beside a soft stop")
     branch = continue_orbit(orbit, "elements[1].stiffness", bounds=(1.0, 4.0))

@@ -7,11 +7,12 @@ from typing import Any
 import numpy as np
 
 from dynkit.core.no_motion import NoMotion
+from dynkit.systems.impact.elements.element import LAIN
 from dynkit.systems.impact.orbits.itineraries.flying import laid
 from dynkit.systems.impact.orbits.itineraries.happening import Happening
 from dynkit.systems.impact.orbits.itineraries.itinerary import Seen, events_seen
 from dynkit.systems.impact.orbits.itineraries.motion import SAME
-from dynkit.systems.impact.simulation.state import TWO_PI, Motion, beside, state_at
+from dynkit.systems.impact.simulation.state import TWO_PI, Motion, beside, placed, state_at
 from dynkit.systems.impact.simulation.trajectory import Trajectory
 
 _MOST = 4096
@@ -65,14 +66,15 @@ def _comes_again(s: Any) -> bool:
     closed = [k for k in s.following[i].mode.held if k < len(s.oscillator._stops)]
     whole = np.append(z, [np.sin(phase), np.cos(phase), 1.0])
     z = laid(s.flights(s.following[i].mode), closed, whole)[0][:-3]  # not off them by rounding
-    start = s.oscillator.state(z[:n], z[n : 2 * n], phase % TWO_PI, z[2 * n :])
+    sliders = placed(s.oscillator, z[:n], z[2 * n :])[n:]  # nor these too far behind
+    start = s.oscillator.state(z[:n], z[n : 2 * n], phase % TWO_PI, sliders)
     due = (times - since) % s.period
     order = [k for k in np.argsort(due).tolist() if s.itinerary[k].element >= 0]
     seen = simulated(s.oscillator, start, s.period, most=len(order))
     if len(seen.events) != len(order):
         return False
     pairs = zip(seen.events, (s.itinerary[k] for k in order), strict=True)
-    agree = all(_same(*pair) for pair in pairs)
+    agree = all(_same(*pair, len(s.oscillator._stops)) for pair in pairs)
     return agree and bool((abs(seen.times - due[order]) <= SAME * s.period).all())
 
 
@@ -96,7 +98,7 @@ def _is_released(s: Any, node: int) -> bool:
     for i, at in enumerate(due, begin + 1):
         wanted = s.itinerary[i % s.events]
         time, event = next(found, (np.inf, wanted))
-        if not _same(event, wanted) or abs(time - at) > within:
+        if not _same(event, wanted, len(s.oscillator._stops)) or abs(time - at) > within:
             return False
         bounces = wanted.chatters and s.chatters[i % s.events].rebounds
         while bounces and event.guard >= 0:  # until contact
@@ -106,13 +108,17 @@ def _is_released(s: Any, node: int) -> bool:
     return True
 
 
-def _same(a: Happening, b: Happening) -> bool:
+def _same(a: Happening, b: Happening, stops: int) -> bool:
     """Whether the same happens in the same mode.
 
     Sliders of one row halt at once, and any of them may be the one that is seen. What follows, the
-    next mode, tells.
+    next mode, tells. So does what a mass does that lies on an open stop: a start does not say it.
     """
-    if a.mode.numbers != b.mode.numbers or bool(a.kicked) != bool(b.kicked):
+    modes = zip(a.mode.numbers, b.mode.numbers, strict=True)
+    for k, (one, other) in enumerate(modes):
+        if one != other and (k >= stops or {one, other} != {0, LAIN}):
+            return False
+    if bool(a.kicked) != bool(b.kicked):
         return False
     own = [(e.element, e.guard, e.piece, e.rubs) for e in (a, b)]
     return not a.kicked or own[0] == own[1]
