@@ -12,6 +12,7 @@ import dynkit
 from dynkit.analysis import LyapunovSpectrum
 from dynkit.core.no_motion import NoCrossing
 from dynkit.systems import DryFriction, HardStop, ImpactChain, Jenkins, SoftStop
+from dynkit.systems.impact.simulation.trajectory import Ending
 from dynkit.testing import check_name, map_checks, parameter_derivatives_are_right
 from tests.reference.friction import STICK
 from tests.reference.soft_stops import DIGITS, SoftStopReference
@@ -195,6 +196,20 @@ def test_sweeps_cross_from_cycles_to_steady_sliding() -> None:
     # What slides steadily rests where the spring is as strong as friction.
     sliding = slow.replace(**{"belt.velocity": 5.0}).simulate(impacts=5)
     assert sliding.sample([200.0])[0] == pytest.approx(np.array([[0.5]]), abs=1e-8)
+
+
+def test_a_motion_that_ends_is_no_cycle_and_says_why() -> None:
+    sliding = belt(static=0.5).replace(damping=0.1)
+    motion = sliding.attractor(start=sliding.state([0.5], [0.2]), transient=0)
+    assert motion.ending is Ending.CYCLE_ENDED
+    with pytest.raises(dynkit.NoConvergence, match=f"but ends: {Ending.CYCLE_ENDED.value}"):
+        motion.periodic_orbit()
+
+
+def test_a_branch_of_cycles_does_not_begin_to_drive_the_machine() -> None:
+    cycle = belt().attractor(transient=20, keep=20).periodic_orbit()
+    with pytest.raises(ValueError, match=r"belt\.amplitude must stay 0\.0 on a branch of cycles"):
+        dynkit.continue_orbit(cycle, "belt.amplitude", bounds=(0.0, 0.1))
 
 
 def test_a_damped_cycle_decays_by_its_dashpot() -> None:

@@ -1,5 +1,6 @@
 """Dry friction: stick-slip on a belt, Den Hartog's oscillator, and friction beside stops."""
 
+import re
 from math import atan, pi, sqrt, tan
 from typing import Any
 
@@ -8,8 +9,16 @@ import pytest
 
 import dynkit
 from dynkit.analysis import LyapunovSpectrum
+from dynkit.continuation.termination import Reason
 from dynkit.core.validation import Array
-from dynkit.systems import DryFriction, HardStop, ImpactChain, MatrixOscillator, SoftStop
+from dynkit.systems import (
+    DryFriction,
+    HardStop,
+    ImpactChain,
+    Jenkins,
+    MatrixOscillator,
+    SoftStop,
+)
 from dynkit.systems.impact.simulation.runs import trajectory_of
 from tests.impact.agreement import moves_as_in_many_digits
 
@@ -298,8 +307,66 @@ def test_the_static_force_follows_the_force_where_it_is_not_given() -> None:
 
 def test_slopes_that_nothing_makes_up_for_are_refused() -> None:
     falling = block(1.0, force=0.5, velocity=0.5, slope=-0.05)
-    with pytest.raises(ValueError, match="damping must be positive semidefinite"):
+    with pytest.raises(ValueError, match=r"slope must .* than 0\.0, .*; got -0\.05 of Dry"):
         falling.simulate(impacts=5)
+
+
+def test_the_limit_of_slopes_is_where_dashpots_just_make_up() -> None:
+    # Along x_2 - x_1 one dashpot acts, and beside it those to the ground, in series.
+    c, ground = 0.3, np.array([0.2, 0.6])
+    row = np.array([-1.0, 1.0])
+    given: Any = {"force": 0.5, "static": 0.5, "velocity": 0.5}
+    machine = MatrixOscillator(
+        M=np.eye(2),
+        C=np.diag(ground) + c * np.outer(row, row),
+        K=np.eye(2),
+        frequency=1.0,
+        harmonic_forces=[0.0, 1.0],
+        elements=[DryFriction((0, 1), slope=-1.0, **given), SoftStop(0, stiffness=1.0)],
+    )
+    limit = -(c + 1.0 / float((1.0 / ground).sum()))
+    with pytest.raises(ValueError, match="slope must not be less than") as refused:
+        machine.simulate(impacts=5)
+    told = re.search(r"than (\S+), .* got (\S+) of", str(refused.value))
+    assert told is not None
+    assert [float(part) for part in told.groups()] == pytest.approx([limit, -1.0], rel=1e-12)
+
+
+def test_a_branch_ends_at_the_limit_of_the_slope() -> None:
+    # Not with a refusal of the machine beyond.
+    c = 0.2
+    damped = MatrixOscillator(
+        M=[[1.0]],
+        C=[[c]],
+        K=[[1.0]],
+        frequency=0.8,
+        harmonic_forces=[1.0],
+        elements=[DryFriction(0, force=0.2)],
+    )
+    orbit: Any = damped.attractor(transient=200).periodic_orbit()
+    branch = dynkit.continue_orbit(orbit, "elements[0].slope", bounds=(-1.5 * c, 0.1 * c))
+    ending = branch.endings[0]
+    assert ending.reason is Reason.NO_SOLUTION
+    assert "slope must not be less than" in ending.message
+    assert branch.parameter.min() == pytest.approx(-c, rel=1e-6)
+
+
+def test_rounding_of_a_slider_at_its_end_refuses_no_point_of_a_branch() -> None:
+    machine = ImpactChain(
+        masses=(1.68605247127683,),
+        damping=0.05,
+        frequency=0.6616368261147623,
+        harmonic_forces=[0.7422721257715262 - 0.6697987816683887j],
+        constant_forces=[-0.19625923123892747],
+        elements=[
+            DryFriction(0, force=0.13439000926399977),
+            Jenkins(0, stiffness=4.672000919112874, force=0.14698693063254453),
+        ],
+    )
+    orbit = machine.attractor(transient=200).periodic_orbit()
+    branch = dynkit.continue_orbit(orbit, "frequency", bounds=(0.56, 0.77))
+    assert branch.admissible.all()
+    assert {end.reason for end in branch.endings} == {Reason.BOUND}
 
 
 # --- against many digits -------------------------------------------------------------------------

@@ -493,6 +493,10 @@ class Machine:
                 given += element.sign * np.outer(element.row(n), force)
         return given
 
+    def dashpots(self, mode: Regimes) -> list[float]:
+        """Those of all elements in a mode."""
+        return [float(self._regime(number, k)[2].real) for k, number in enumerate(mode.numbers)]
+
     def roughness(self, mode: Regimes) -> Array:
         """Sums (D, D) of the absolute terms that the flow of a mode is computed from."""
         n, rows = self.size, self._rows(mode.held)

@@ -126,10 +126,15 @@ class ImpactProblem(PeriodicProblem, WatchedProblem):
         Raises
         ------
         ValueError
-            When the oscillator has no such parameter.
+            When the oscillator has no such parameter, or nothing drives it and this one would.
         """
         for name in names:
-            self.oscillator.value_of(name)
+            value = self.oscillator.value_of(name)
+            if not self.driven and name.rpartition(".")[2] == "amplitude":
+                raise ValueError(
+                    f"{name} must stay {value} on a branch of cycles that nothing drives: with "
+                    "another value it drives the machine, and these cycles are no motions"
+                )
         return self.remade(names=names)
 
     @property
@@ -207,7 +212,10 @@ class ImpactProblem(PeriodicProblem, WatchedProblem):
         for known, scene in self._known:
             if known == key:
                 return scene
-        scene = self._scene(p)
+        try:
+            scene = self._scene(p)
+        except Refused as refusal:  # a slope for which no dashpot makes up
+            raise NoSolution(str(refusal)) from refusal
         self._known = [(key, scene), *self._known[:7]]
         return scene
 
@@ -223,7 +231,11 @@ class ImpactProblem(PeriodicProblem, WatchedProblem):
         if self.responds:
             own = system, windows_of(system), Terms.of(system), self._measures
             return responses.Scene(*own, partial(self.system, p))
-        return shooting.Scene(Machine(system), system, self._measures)
+        machine, parts = Machine(system), system._automaton.parts
+        if parts.falls and system._motion is None:
+            for mode in {event.mode for event in self.itinerary}:
+                parts.check_slopes(machine.dashpots(mode))
+        return shooting.Scene(machine, system, self._measures)
 
     @cached_property
     def windows(self) -> Windows:

@@ -212,6 +212,8 @@ class Automaton(JoinedModes):
                 sliders.append(Slider(element, self.sliders[k], behind))
             springs.append((row, regime.stiffness, regime.damping))
             excitation = excitation.pulled(element, regime)
+        if self.parts.falls:
+            self.parts.check_slopes([regime.damping for regime in now])
         structure = structure.stiffened(springs)
         grips = self.parts.grips(regimes)
         held, sticking = ([self._elements[k] for k in part] for part in grips)

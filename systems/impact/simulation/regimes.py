@@ -9,6 +9,7 @@ from typing import Any, final
 import numpy as np
 from numpy.typing import NDArray
 
+from dynkit.core.no_motion import Refused
 from dynkit.core.validation import Array
 from dynkit.exponential.modes import LARGEST
 from dynkit.systems.impact.elements.element import (
@@ -33,7 +34,8 @@ from dynkit.systems.impact.modes.constrained import (
     pushed,
     rides,
 )
-from dynkit.systems.impact.modes.structure import Structure, independent
+from dynkit.systems.impact.modes.structure import ROUNDING, Structure, independent
+from dynkit.systems.structure.definiteness import check_semidefinite
 
 
 @final
@@ -44,6 +46,8 @@ class Parts:
     ----------
     normal : dict
         Number of the hard stop on which friction leans, by the number of that friction.
+    falls : bool
+        Whether an element has a dashpot below zero: friction that falls with the slip.
 
     Raises
     ------
@@ -58,6 +62,7 @@ class Parts:
         self._regimes = [element.regimes for element in elements]
         self._along: dict[tuple[tuple[int, ...], int], bool | None] = {}
         self._leads: dict[int, int] = {}
+        self.falls = any(regime.damping < 0.0 for own in self._regimes for regime in own)
         self._sliders = [k for k, element in enumerate(elements) if element.slider]
         rubs = [k for k, element in enumerate(elements) if isinstance(element, DryFriction)]
         for k in rubs:
@@ -79,6 +84,31 @@ class Parts:
     def now(self, regimes: Sequence[int]) -> list[Regime]:
         """The regimes of all elements, by their numbers."""
         return [own[k] for own, k in zip(self._regimes, regimes, strict=True)]
+
+    def check_slopes(self, own: Sequence[float]) -> None:
+        """Refuse friction that falls by more than the other dashpots of the elements make up for.
+
+        Raises
+        ------
+        Refused
+            When damping is not positive semidefinite with it. The limit is where it just is.
+        """
+        rows = [element.row(self._structure.size) for element in self._elements]
+        damping = self._structure.damping
+        for k in sorted(range(len(own)), key=lambda k: own[k] < 0.0):  # dashpots first
+            before, damping = damping, damping + own[k] * np.outer(rows[k], rows[k])
+            if own[k] >= 0.0:
+                continue
+            try:
+                check_semidefinite("damping", damping)
+            except ValueError:
+                along = np.linalg.lstsq(before, rows[k])[0]
+                made_up = np.allclose(before @ along, rows[k], rtol=0.0, atol=ROUNDING)
+                limit = -1.0 / float(rows[k] @ along) if made_up else 0.0
+                raise Refused(
+                    f"slope must not be less than {limit}, for which dashpots just make up; "
+                    f"got {own[k]} of {self._elements[k]!r}"
+                ) from None
 
     def follows(self, element: int) -> bool:
         """Whether the element is friction that slips and sticks together with an earlier one."""

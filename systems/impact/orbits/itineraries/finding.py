@@ -80,7 +80,7 @@ def orbit_near(system: ImpactMap, state: ImpactState, periods: int) -> ImpactOrb
             seen = _of_contact(whole, length, TWO_PI / system.frequency)
     else:
         run = system._run(state, _CYCLE, store=True, most_switches=_CYCLE)
-        seen, length = of_cycle(events_seen(system, run))
+        seen, length = of_cycle(events_seen(system, run), run)
         periods = 1
     problem, guess = guess_of(system, state, seen, periods, length)
     x, history = _solved(problem, guess)

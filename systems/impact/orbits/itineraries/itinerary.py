@@ -20,7 +20,7 @@ from dynkit.systems.impact.orbits.itineraries.happening import Happening, Itiner
 from dynkit.systems.impact.orbits.machine import Machine, Regimes
 from dynkit.systems.impact.records.event_counts import element_names
 from dynkit.systems.impact.simulation.joined_modes import cycled_by, halts
-from dynkit.systems.impact.simulation.trajectory import Trajectory
+from dynkit.systems.impact.simulation.trajectory import Ending, Trajectory
 
 if TYPE_CHECKING:
     from dynkit.systems.impact.impact_map import ImpactMap
@@ -327,8 +327,8 @@ def from_release(seen: Seen, first: int, end: float, within: float) -> Seen | No
     return seen.part(first, last) if late and late[last] < within else None
 
 
-def of_cycle(seen: Seen) -> tuple[Seen, float]:
-    """The events of a motion that nothing drives until it comes again, and its period.
+def of_cycle(seen: Seen, run: Trajectory) -> tuple[Seen, float]:
+    """The events, until it comes again, of a run that nothing drives, and the period.
 
     Raises
     ------
@@ -344,7 +344,11 @@ def of_cycle(seen: Seen) -> tuple[Seen, float]:
                 length, low = seen.times[-1] - seen.times[-1 - k], count - k - 1
                 low = max((j for j in seen.releases if j <= low), default=low)
                 return seen.part(low, low + k), float(length)
-    raise NoConvergence(f"the motion does not come again within {count} events")
+    if run.ending is not Ending.COUNT_REACHED:
+        raise NoConvergence(f"the motion does not come again, but ends: {run.ending.value}")
+    raise NoConvergence(
+        f"the motion does not come again within {count} events and a time of {run.duration:.3g}"
+    )
 
 
 def counts_of(oscillator: ImpactMap, itinerary: Itinerary) -> dict[str, float]:
