@@ -242,8 +242,10 @@ def test_impacts_are_off_by_less_than_the_record_says(name: str) -> None:
     states, late = exact_states(record, exact)
     assert len(states) >= min(6, len(record))
     assert (states.max(axis=1) <= record.error[: len(states)]).all()
-    assert record.error[: len(states)].max() < 1e-10
     frequency = record.system.frequency
+    # the phase of a fast table is known to some roundings of the time, whatever the processor
+    of_time = 8.0 * frequency * np.spacing(record.time[len(states) - 1])
+    assert record.error[: len(states)].max() < max(1e-10, of_time)
     rounding = 4.0 * np.spacing(record.time[: len(late)])
     assert (late <= record.error[: len(late)] / min(frequency, 1.0) + rounding).all()
 
