@@ -67,7 +67,7 @@ check: .venv/.dev  ## lint, format, spelling, types, layers
 	$(BIN)/lint-imports
 
 bench: .venv/.dev  ## run the benchmarks, which write docs/benchmarks.md and its figures
-	$(BIN)/python -m tests.benchmarks.run
+	OMP_NUM_THREADS=1 $(BIN)/python -m tests.benchmarks.run
 
 validate: .venv/.dev  ## compare estimated errors with actual ones in all random cases
 	OMP_NUM_THREADS=1 $(BIN)/python -m tests.validation
