@@ -366,13 +366,7 @@ class Course:
             rows = log._make([array[done:] for array in log]) if store and done else log
             motion = self._tables, self._clock, self._left
             buffers = rows, self._switches, self._work
-            fill_codes(
-                gap,
-                *motion,
-                *given,
-                *buffers,
-                self._waiting[1],
-            )
+            fill_codes(gap, *motion, *given, *buffers, self._waiting[1])
             impacts, ending = kernels.run(
                 *motion, count - done, *given, *limits, *buffers, *self._waiting
             )
