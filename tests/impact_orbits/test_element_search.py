@@ -22,6 +22,7 @@ from dynkit.systems import (
     SoftStop,
     ViscoelasticSpheres,
 )
+from dynkit.systems.impact.orbits import searching
 from dynkit.systems.impact.orbits.itineraries import motions
 
 
@@ -122,11 +123,12 @@ def test_without_a_hard_stop_orbits_that_press_and_that_do_not_are_found() -> No
 
 
 def test_a_motion_that_impacts_no_more_is_left_soon(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(motions, "PART", 5)
+    few = motions.FEW._replace(impacts=5)
+    monkeypatch.setattr(searching, "FEW", few)
     elements = [HardStop((0, 1), offset=-9.0), DryFriction(0, force=0.03)]
     machine = ImpactChain(masses=2, frequency=1.1, harmonic_forces=[0.0, 0.4], elements=elements)
-    records = list(motions.simulated_motions(machine))
-    assert len(records) == motions.PARTS + motions.STARTS
+    records = list(motions.simulated_motions(machine, few))
+    assert len(records) == few.parts + few.starts
     most = 5 * motions.SWITCHES  # each with an event or two
     assert all(len(record) == 0 for record in records)
     assert all(most < len(record.events.time) <= 2 * most for record in records)

@@ -4,19 +4,23 @@ from __future__ import annotations
 
 import time
 from collections import Counter
-from collections.abc import Callable, Iterator
-from typing import TYPE_CHECKING
+from collections.abc import Callable
+from contextlib import suppress
+from functools import partial
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from dynkit.continuation.initial_orbits import describe_counts
 from dynkit.core.cost import Cost
-from dynkit.core.validation import Array, positive_integer
+from dynkit.core.no_motion import NoMotion
+from dynkit.core.validation import Array
 from dynkit.labels.recurrence import Recurrences
-from dynkit.orbits.newton import NoSolution
+from dynkit.orbits.newton import NoConvergence, NoSolution
 from dynkit.orbits.search import OrbitSearch
 from dynkit.systems.impact.orbits.finding import Found
-from dynkit.systems.impact.orbits.itineraries.equations import ItineraryEquations
+from dynkit.systems.impact.orbits.itineraries.equations import APART, ItineraryEquations
+from dynkit.systems.impact.orbits.itineraries.finding import guess_of
 from dynkit.systems.impact.orbits.itineraries.guesses import (
     STARTS,
     ascend,
@@ -26,9 +30,12 @@ from dynkit.systems.impact.orbits.itineraries.guesses import (
     solvable,
     with_impulses,
 )
-from dynkit.systems.impact.orbits.itineraries.terms import drives_of
+from dynkit.systems.impact.orbits.itineraries.itinerary import events_seen, of_period
+from dynkit.systems.impact.orbits.itineraries.motions import FEW, MANY, simulated_motions
+from dynkit.systems.impact.orbits.itineraries.simulated import simulated
 from dynkit.systems.impact.orbits.orbit import ImpactOrbit
 from dynkit.systems.impact.simulation.state import TWO_PI
+from dynkit.systems.impact.simulation.trajectory import Ending
 
 if TYPE_CHECKING:
     from dynkit.systems.impact.impact_map import ImpactMap
@@ -40,87 +47,70 @@ Guessed = Callable[["ImpactRecord", int, int, int], "tuple[ItineraryEquations, A
 GUESSED = 3
 """Orbits of at most so many impacts are sought from random phases, too."""
 
-# Random starts, as many as those of `find_orbits` for maps of many dimensions; the closest returns
-# of each part and P(n,m): a second one, as the closest may be too bent a piece of the map.
-RANDOM, RETURNS = 20, 2
-# Impacts of a part of a motion of which the closest returns are tried, and parts of the motion from
-# the default start: as it may be chaotic, it comes near to other orbits in each.
-PART, PARTS = 300, 10
+# Closest returns of each part of a motion and P(n,m): a second one, as the closest may be too bent
+# a piece of the map.
+_RETURNS = 2
+
+_SETTLED, _LATE = 40.0, 38.5
+"""Periods for which a motion without further impacts is followed, and where one is taken."""
 
 
-def search(oscillator: ImpactMap, impacts: object, periods: object) -> OrbitSearch[ImpactOrbit]:
-    """Return orbits up to P(n,m), and what was searched: see `ImpactOscillator.find_orbits`."""
-    began = time.perf_counter()
-    n, m = positive_integer("impacts", impacts), positive_integer("periods", periods)
-    solvable("impacts", n)
-    found = Found()
-    counts = {"guesses": 0, "starts": 0, "impacts": 0, "returns": 0}
+def search(oscillator: ImpactMap, impacts: int, periods: int) -> OrbitSearch[ImpactOrbit]:
+    """Return orbits up to P(n,m), and what was searched: see `ImpactOscillator.find_orbits`.
+
+    Raises
+    ------
+    ValueError
+        When nothing drives the oscillator.
+    """
+    if not oscillator._excitation.turns:
+        raise ValueError("system must be driven: amplitude and harmonic_forces are zero")
+    began, found, alone = time.perf_counter(), Found(), oscillator._table_alone
+    counts = {"guesses": 0, "starts": 0, "impacts": 0, "returns": 0} if alone else {}
     parts: list[ImpactRecord] = []
+    first, effort = (2, MANY) if alone else (1, FEW)  # of one impact there is a closed form
     with found.bar:
-        for periods_of in range(1, m + 1):
-            for problem, guess in one_impact(oscillator, periods_of):
-                found.add(problem, guess)
-        for impacts_of in range(2, min(n, GUESSED) + 1):
-            for periods_of in range(1, m + 1):
-                counts["guesses"] += STARTS
-                for problem, guess in random_guesses(oscillator, impacts_of, periods_of):
-                    found.add(problem, guess)
-        if n > 1:
-            parts = list(found.counted(_simulated(oscillator)))
-            counts |= from_returns(found, parts, range(2, n + 1), m, _near) | {"starts": 1 + RANDOM}
-    return result_of(oscillator, found, parts, (n, m), counts, began)
-
-
-def result_of(
-    oscillator: ImpactMap,
-    found: Found,
-    parts: list[ImpactRecord],
-    most: tuple[int, int],
-    counts: dict[str, int],
-    began: float,
-) -> OrbitSearch[ImpactOrbit]:
-    """What a search up to P(n,m) has found, and in which region, that of some motions."""
+        if alone:
+            counts["guesses"] = _from_phases(found, oscillator, impacts, periods)
+        if impacts >= first:
+            parts = list(found.counted(simulated_motions(oscillator, effort)))
+            guessed = _near if alone else partial(_near_return, sizes=_sizes(parts))
+            some = range(first, impacts + 1)
+            tried = [_add_returns(found, p, n, periods, guessed) for n in some for p in parts]
+            counts |= {"starts": 1 + effort.starts}
+            counts |= {"impacts": sum(map(len, parts)), "returns": sum(tried)}
+        for part in () if alone else parts:
+            if part.ending is not Ending.COUNT_REACHED and oscillator._stops:
+                _add_quiet(found, part)
     states = np.concatenate([np.empty((0, oscillator.dimension)), *(p.states for p in parts)])
     region = np.full((oscillator.dimension, 2), np.nan)
     if len(states):
         region = np.stack([states.min(axis=0), states.max(axis=0)], axis=1)
     orbits = sorted(found.orbits(began), key=lambda orbit: (orbit.impacts, orbit.periods))
-    (n, m), cost = most, Cost(time.perf_counter() - began, counts)
-    message = f"P(1,1) to P({n},{m}): {describe_counts(n, counts)}"
-    return OrbitSearch(oscillator, n, 0, region, message, orbits, cost)
+    cost = Cost(time.perf_counter() - began, counts)
+    message = f"P(1,1) to P({impacts},{periods}): {describe_counts(impacts, counts)}"
+    return OrbitSearch(oscillator, impacts, 0, region, message, orbits, cost)
 
 
-def _simulated(oscillator: ImpactMap) -> Iterator[ImpactRecord]:
-    """Return the motion from the default start in parts, then those from random starts.
-
-    These are just after an impact, with coordinates up to twice as large as the largest of the
-    former motion and of the table's.
-    """
-    size = np.zeros(oscillator.dimension)
-    state = oscillator.state()
-    for _ in range(PARTS):
-        record = oscillator.simulate(impacts=PART, start=state)
-        state = record.final
-        size = np.maximum(size, abs(record.states).max(axis=0, initial=0.0))
-        yield record
-    drive, places = float(abs(drives_of(oscillator)[0])), oscillator.degrees_of_freedom - 1
-    size[:places] = np.maximum(size[:places], drive)
-    size[places:-1] = np.maximum(size[places:-1], drive * oscillator.frequency)
-    random = np.random.default_rng(0)
-    for _ in range(RANDOM):
-        start = 2.0 * size * random.uniform(-1.0, 1.0, len(size))
-        start[-1] = random.uniform(0.0, TWO_PI)
-        if len(oscillator._stops) == 1:
-            start[-2] = abs(start[-2])
-        yield oscillator.simulate(impacts=PART, start=oscillator.impact_state(start))
+def _from_phases(found: Found, oscillator: ImpactMap, impacts: int, periods: int) -> int:
+    """Try the closed form of P(1,m), and random phases; how many of the latter."""
+    solvable("impacts", impacts)
+    guesses = 0
+    for m in range(1, periods + 1):
+        for problem, guess in one_impact(oscillator, m):
+            found.add(problem, guess)
+    for n in range(2, min(impacts, GUESSED) + 1):
+        for m in range(1, periods + 1):
+            guesses += STARTS
+            for problem, guess in random_guesses(oscillator, n, m):
+                found.add(problem, guess)
+    return guesses
 
 
-def from_returns(
-    found: Found, parts: list[ImpactRecord], impacts: range, periods: int, guessed: Guessed
-) -> dict[str, int]:
-    """Try returns after each number of impacts; how many impacts and returns there were."""
-    tried = [_add_returns(found, part, n, periods, guessed) for n in impacts for part in parts]
-    return {"impacts": sum(map(len, parts)), "returns": sum(tried)}
+def _sizes(parts: list[ImpactRecord]) -> list[float]:
+    """Largest position and velocity of some motions."""
+    own = [[abs(x).max(initial=0.0) for x in (p.position, p.velocity)] for p in parts if len(p)]
+    return list(np.max([*own, [0.0, 0.0]], axis=0).tolist())
 
 
 def _add_returns(
@@ -145,7 +135,7 @@ def _add_returns(
             break
         beside = slice(max(place - 1, 0), place + 2)
         best = distances[beside][after[beside] == m].min()
-        if m > periods or tried[m] == RETURNS or distance > best:
+        if m > periods or tried[m] == _RETURNS or distance > best:
             continue
         try:
             near = guessed(record, place, n, m)
@@ -169,3 +159,37 @@ def _near(
         return None
     problem = make_problem(record.system, periods, record._run.element[part])
     return problem, with_impulses(problem, phases)
+
+
+def _add_quiet(found: Found, record: ImpactRecord) -> None:
+    """Try the orbit without impacts in one period that a motion without further ones comes near."""
+    system, length = record.system, TWO_PI / record.system.frequency
+    with suppress(NoMotion, NoConvergence, NoSolution, NotImplementedError):
+        seen = of_period(simulated(system, record.final, _SETTLED * length), _LATE * length, length)
+        problem, guess = guess_of(system, record.final, seen, 1, length)
+        if not (problem.course.hits or found.holds(problem, guess, APART)):
+            found.add(problem, guess)
+
+
+def _near_return(
+    record: ImpactRecord, place: int, impacts: int, periods: int, sizes: list[float]
+) -> tuple[ItineraryEquations, Array] | None:
+    """Equations and unknowns of P(n,m) for some impacts; None where the motion sticks.
+
+    Sizes are those of positions and velocities.
+
+    Raises
+    ------
+    NoSolution
+        When the motion is none that equations by itinerary know.
+    """
+    system: Any = record.system
+    try:
+        run = system._run(system.impact_state(record.states[place]), impacts, store=True)
+        seen = events_seen(system, run)
+        if any(event.chatters for event in seen.events) or run.impacts != impacts:
+            return None
+        length = periods * TWO_PI / system.frequency
+        return guess_of(system, run.start, seen, periods, length, sizes)
+    except (NoMotion, NoConvergence) as refusal:
+        raise NoSolution(str(refusal)) from refusal

@@ -359,11 +359,10 @@ class ImpactOscillator(ImpactMap):
         >>> [orbit.label for orbit in search if orbit.admissible]
         ['P(1,1)', 'P(2,2)', 'P(3,3)', 'P(3,3)']
         """
-        from dynkit.systems.impact.orbits.returning import search_returns
         from dynkit.systems.impact.orbits.searching import search
 
         n, m = positive_integer("impacts", impacts), positive_integer("periods", periods)
-        return (search if self._table_alone else search_returns)(self, n, m)
+        return search(self, n, m)
 
     def plot(self, ax: Axes | None = None) -> Axes:
         """Draw a sketch of the machine: masses, springs, dashpots, stops and friction.

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from contextlib import suppress
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
@@ -15,42 +15,54 @@ from dynkit.systems.impact.simulation.state import TWO_PI, ImpactState
 if TYPE_CHECKING:
     from dynkit.systems.impact.impact_map import ImpactMap
 
-STARTS, _TRIED = 10, 200
-"""Random starts, of so many that are tried at most: some are beyond a stop."""
-
-PARTS, PART = 5, 200
-"""Parts of the motion from the default start, and impacts of each, and of the other motions."""
+_TRIED = 200
+"""Random starts that are tried at most: some are beyond a stop."""
 
 SWITCHES = 32
-"""Switches of soft stops and friction, for each of these impacts, after which a motion is left."""
+"""Switches of soft stops and friction, for each impact of a motion, after which that is left."""
 
 
-def simulated_motions(oscillator: ImpactMap) -> Iterator[ImpactRecord]:
+class Effort(NamedTuple):
+    """How much is simulated: parts of the motion from the default start, of so many impacts each.
+
+    And as many impacts from each of some random starts.
+    """
+
+    parts: int
+    impacts: int
+    starts: int
+
+
+FEW, MANY = Effort(5, 200, 10), Effort(10, 300, 20)
+
+
+def simulated_motions(oscillator: ImpactMap, effort: Effort = FEW) -> Iterator[ImpactRecord]:
     """The motion from the default start in parts, then those from random starts.
 
-    These have coordinates up to twice as large as the largest of the former motion.
+    As a motion may be chaotic, it comes near to other orbits in each part. Random starts have
+    coordinates up to twice as large as the largest of the former motion.
     """
     n, size = oscillator.degrees_of_freedom, np.zeros(2 * oscillator.degrees_of_freedom)
     with suppress(NoMotion):
         state = oscillator.state()
-        for _ in range(PARTS):
-            record = _part(oscillator, state)
+        for _ in range(effort.parts):
+            record = _simulated(oscillator, state, effort.impacts)
             state = record.final
             motion = np.concatenate([record.position, record.velocity], axis=1)
             size = np.maximum(size, abs(motion).max(axis=0, initial=0.0))
             yield record
     size[size == 0.0] = 1.0
-    random, left = np.random.default_rng(0), STARTS
+    random, left = np.random.default_rng(0), effort.starts
     for _ in range(_TRIED):
         x, v = np.split(2.0 * size * random.uniform(-1.0, 1.0, 2 * n), 2)
         phase = random.uniform(0.0, TWO_PI)
         with suppress(NoMotion):
-            yield _part(oscillator, oscillator.state(x, v, phase))
+            yield _simulated(oscillator, oscillator.state(x, v, phase), effort.impacts)
             left -= 1
         if not left:
             return
 
 
-def _part(oscillator: ImpactMap, start: ImpactState) -> ImpactRecord:
-    run = oscillator._run(start, PART, store=True, most_switches=SWITCHES * PART)
+def _simulated(oscillator: ImpactMap, start: ImpactState, impacts: int) -> ImpactRecord:
+    run = oscillator._run(start, impacts, store=True, most_switches=SWITCHES * impacts)
     return ImpactRecord(oscillator, run)
