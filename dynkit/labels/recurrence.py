@@ -2,17 +2,17 @@
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from functools import cached_property, wraps
-from typing import Any, TypeAlias, TypeVar, final
+from functools import cached_property
+from typing import Any, TypeAlias, final
 
 import numpy as np
 from numpy.typing import NDArray
 
+from dynkit.core.kept import kept
 from dynkit.core.smooth_map import proper_divisors
 from dynkit.core.validation import Array
 
 _Indices: TypeAlias = NDArray[np.intp]
-_Found = TypeVar("_Found")
 
 REPETITIONS = 3
 """A period is accepted when the window holds it this many times: two full repetitions."""
@@ -27,20 +27,6 @@ _DECAY_RECURRENCES, _DECAY_DEPTH = 10, np.log(3.0)
 # Where states n apart differ by less than this, relative, an orbit of period kn may still settle
 # on one of period n.
 _CLOSE = 0.03
-
-
-def _once(method: Callable[["Recurrences", int], _Found]) -> Callable[["Recurrences", int], _Found]:
-    """Cache the value of a method for each period n."""
-
-    @wraps(method)
-    def known(self: "Recurrences", n: int) -> _Found:
-        key = method.__name__, n
-        if key not in self._known:
-            self._known[key] = method(self, n)
-        found: _Found = self._known[key]
-        return found
-
-    return known
 
 
 @final
@@ -65,7 +51,6 @@ class Recurrences:
         self.count = len(states)
         largest = float(np.sqrt(np.einsum("ij,ij->i", states, states).max(initial=0.0)))
         self.scale = largest if largest > 0.0 else 1.0
-        self._known: dict[tuple[str, int], Any] = {}
 
     def distances(self, later: slice | _Indices, earlier: slice | _Indices) -> Array:
         """Return distances of states to earlier ones; elapsed time enters modulo one period."""
@@ -97,7 +82,7 @@ class Recurrences:
         """Return the periods of the forcing in the last n states; None without forcing."""
         return None if self.times is None else round(self.times[-1] - self.times[-1 - n])
 
-    @_once
+    @kept
     def spread(self, n: int) -> float:
         """Return the largest distance of a state to its counterpart in the last n states."""
         early = np.arange(self.count - n)
@@ -106,7 +91,7 @@ class Recurrences:
     def _counterparts(self, i: int | _Indices, n: int | _Indices) -> _Indices:
         return np.asarray(self.count - n + (i - self.count) % n)
 
-    @_once
+    @kept
     def steps(self, n: int) -> Array:
         """Return, for each period of n states but the first, the largest distance over n states."""
         begin = self.count % n
@@ -149,7 +134,7 @@ class Recurrences:
                     return factor
         return 1
 
-    @_once
+    @kept
     def _decay(self, n: int) -> "_Decay":
         return _Decay.of(self.steps(n))
 

@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, Any, final
 
 import numpy as np
 
+from dynkit.core.kept import kept
 from dynkit.core.validation import Array
 from dynkit.systems.impact.elements.law_kernels import (
     ADD,
@@ -69,7 +70,6 @@ class _Writer:
 
     def __init__(self, velocity: sympy.Symbol) -> None:
         self.rows: list[tuple[float, float, float, float]] = []
-        self._known: dict[Any, int] = {}
         self._velocity = velocity
 
     def add(self, what: int, x: int = 0, y: int = 0, z: float = 0.0) -> int:
@@ -77,13 +77,9 @@ class _Writer:
         self.rows.append((what, x, y, z))
         return len(self.rows) - 1
 
-    def row(self, expression: Any) -> int:
+    @kept
+    def row(self, e: Any) -> int:
         """The row that gives an expression, or a condition: 1 where it is true."""
-        if expression not in self._known:
-            self._known[expression] = self._written(expression)
-        return self._known[expression]
-
-    def _written(self, e: Any) -> int:
         import sympy as sp
 
         if e == self._velocity:

@@ -10,6 +10,7 @@ from typing import Any, final
 import numpy as np
 from numpy.typing import NDArray
 
+from dynkit.core.kept import kept
 from dynkit.core.validation import Array
 from dynkit.exponential.modes import Pairs
 from dynkit.exponential.propagators import cells_of_a_call, ladder, workspace
@@ -49,7 +50,6 @@ class Mode:
         self.structure = structure
         self.forced = forced
         self.layout, self.propagators = forced.arranged(~seen, turns=excitation.turns)
-        self._known: dict[bytes, tuple[Any, Any]] = {}
         self._sums: dict[bytes, Any] = {}
         self.bodies = len(forced.rest)
         self._anchored = self._anchors = np.zeros(0, dtype=np.intp)
@@ -252,13 +252,11 @@ class Mode:
         rates(ladder, flat, out.reshape(flat.shape))
         return out
 
+    @kept
     def _apart(self, slots: Any) -> tuple[Any, Any]:
         """Slots without links, and slots with links, each ascending."""
-        key = slots.tobytes()
-        if key not in self._known:
-            linked = np.intersect1d(self.propagators.links, slots)
-            self._known[key] = np.setdiff1d(slots, linked), linked
-        return self._known[key]
+        linked = np.intersect1d(self.propagators.links, slots)
+        return np.setdiff1d(slots, linked), linked
 
     def repeated(self, period: float, kicks: Array) -> tuple[Transitions, Array, Array]:
         """Transitions over a period, and states (k, 2, slots) just after kicks that repeat.

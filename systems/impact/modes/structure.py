@@ -12,6 +12,7 @@ from weakref import WeakKeyDictionary
 import numpy as np
 from numpy.typing import NDArray
 
+from dynkit.core.kept import kept
 from dynkit.core.validation import Array
 from dynkit.systems.impact.elements.element import Element, Regime
 from dynkit.systems.impact.modes.bases import Basis, basis_of, row_by_row
@@ -54,11 +55,6 @@ class Structure:
         # A copy, as structures are kept for as long as `given` lives.
         self._given = replace(given)
         self._stiffened: dict[tuple[tuple[bytes, float, float], ...], Structure] = {}
-        self._contacts: dict[bytes, Contact] = {}
-        self._held: dict[bytes, Held] = {}
-        self._dragged: dict[bytes, Structure] = {}
-        self._without: dict[bytes, Structure | None] = {}
-        self._beside: dict[int, Structure] = {}
         self.stuck: dict[bytes, Structure] = {}
         self.seen: dict[Any, Any] = {}
         self.automata: dict[Any, Any] = {}
@@ -68,34 +64,31 @@ class Structure:
         """The basis of the free motion."""
         return basis_of(self._given)
 
+    @kept
     def beside(self, sliders: int) -> Structure:
         """The same structure with sliders as further coordinates; cached."""
         if not sliders:
             return self
-        if sliders not in self._beside:
-            beside = self.size + sliders
-            m, c, k = np.zeros((3, beside, beside))
-            for out, part in ((m, self.mass), (c, self.damping), (k, self.stiffness)):
-                out[: self.size, : self.size] = part
-            np.fill_diagonal(m[self.size :, self.size :], 1.0)
-            self._beside[sliders] = Structure(Derivation.from_matrices(m, c, k), sliders)
-        return self._beside[sliders]
+        beside = self.size + sliders
+        m, c, k = np.zeros((3, beside, beside))
+        for out, part in ((m, self.mass), (c, self.damping), (k, self.stiffness)):
+            out[: self.size, : self.size] = part
+        np.fill_diagonal(m[self.size :, self.size :], 1.0)
+        return Structure(Derivation.from_matrices(m, c, k), sliders)
 
+    @kept
     def without(self, places: NDArray[np.intp]) -> Structure | None:
         """The structure of the other coordinates while these are zero; cached, None without any."""
-        key = places.tobytes()
-        if key not in self._without:
-            left = int((places >= self.size - self.sliders).sum())
-            self._without[key] = None
-            if len(places) < self.size:
-                given = self._given.without(places)
-                self._without[key] = Structure(given, self.sliders - left)
-        return self._without[key]
+        if len(places) == self.size:
+            return None
+        left = int((places >= self.size - self.sliders).sum())
+        return Structure(self._given.without(places), self.sliders - left)
 
     def with_basis(self, basis: Basis) -> Structure:
         """The same structure with another basis."""
         other = copy.copy(self)
-        other.free, other._contacts, other.seen, other.automata = basis, {}, {}, {}
+        vars(other).pop("_kept", None)  # contacts are those of a basis
+        other.free, other.seen, other.automata = basis, {}, {}
         return other
 
     def stiffened(self, springs: Sequence[tuple[Array, float, float]]) -> Structure:
@@ -114,14 +107,11 @@ class Structure:
             self._stiffened[key] = Structure(given, self.sliders)
         return self._stiffened[key]
 
+    @kept
     def dragged(self, along: Array, weights: Array) -> Structure:
         """The same structure with traction ``along @ weights`` of spring forces; cached."""
-        key = along.tobytes() + weights.tobytes()
-        if key not in self._dragged:
-            given = self._given
-            traction = Traction.of(along, weights, given.damping, given.stiffness)
-            self._dragged[key] = Structure(replace(given, traction=traction), self.sliders)
-        return self._dragged[key]
+        traction = Traction.of(along, weights, self._given.damping, self._given.stiffness)
+        return Structure(replace(self._given, traction=traction), self.sliders)
 
     def forces(self, of: Literal["stiffness", "damping"], x: Array) -> DoubleDouble:
         """Product (N, m) of a matrix with columns (N, m), to double-double accuracy."""
@@ -132,19 +122,15 @@ class Structure:
             product = add(product, product_with(given.traction.along, by))
         return product
 
+    @kept
     def contact(self, row: Array) -> Contact:
         """The contact along a row (N,) of coordinates; cached."""
-        key = row.tobytes()
-        if key not in self._contacts:
-            self._contacts[key] = Contact(self, row)
-        return self._contacts[key]
+        return Contact(self, row)
 
+    @kept
     def holding(self, rows: Array) -> Held:
         """The structure with held rows (h, N) of coordinates; cached."""
-        key = rows.tobytes()
-        if key not in self._held:
-            self._held[key] = Held(self._given, rows, self.sliders)
-        return self._held[key]
+        return Held(self._given, rows, self.sliders)
 
 
 @final

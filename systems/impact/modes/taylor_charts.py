@@ -8,6 +8,7 @@ from typing import Any, final
 
 import numpy as np
 
+from dynkit.core.kept import kept
 from dynkit.core.validation import Array
 from dynkit.systems.impact.elements.element import Regime, Watch
 from dynkit.systems.impact.elements.stops import HardStop
@@ -50,7 +51,6 @@ class Charts:
                 self._add(k, watch, i)
             for _ in range(len(own), 2):
                 self._add(k, None, -1)
-        self._known: dict[Any, Chart] = {}
 
     def _add(self, element: int, watch: Watch | None, number: int) -> None:
         self._guards.append((element, watch))
@@ -65,18 +65,17 @@ class Charts:
         stops = [k for k, e in enumerate(elements) if isinstance(e, HardStop) and not e.curved]
         held = [k for k in self._held if not elements[k].curved]
         order = list(dict.fromkeys([*held, *([first] if first in stops else []), *stops]))
-        key = tuple(sorted(order[i] for i in independent(rows[order]))), sides
-        if key not in self._known:
-            self._known[key] = self._made(*key)
-        return self._known[key]
+        return self._made(tuple(sorted(order[i] for i in independent(rows[order]))), sides)
 
     @cached_property
     def plain(self) -> Chart:
         """Positions and velocities themselves as coordinates."""
         slides = (self._regimes[k].stretch for k in self._scene.sliders)
-        return self._made((), tuple(-1 if stretch < 0.0 else 1 for stretch in slides), rubs=False)
+        return self._made((), tuple(-1 if stretch < 0.0 else 1 for stretch in slides), False)
 
-    def _made(self, hard: tuple[int, ...], sides: tuple[int, ...], *, rubs: bool = True) -> Chart:
+    @kept
+    def _made(self, hard: tuple[int, ...], sides: tuple[int, ...], rubs: bool = True) -> Chart:
+        """A chart with gaps of some stops as coordinates, and slip velocities of friction."""
         scene, n = self._scene, self._scene.size
         slips = [k for k in scene.rubs if k not in scene.dragged] if rubs else []
         signs = np.array([element.sign for element in scene.elements], dtype=float)

@@ -17,12 +17,12 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import replace
-from functools import wraps
 from typing import TYPE_CHECKING, Any, NamedTuple, final
 
 import numpy as np
 
 from dynkit.core.differences import STEP
+from dynkit.core.kept import kept
 from dynkit.core.validation import Array
 from dynkit.orbits.newton import NoSolution
 from dynkit.systems.impact.elements.friction import FORWARD
@@ -223,23 +223,6 @@ Rubs = tuple[tuple[int, int], ...]
 """Friction at an impact, and the sign of its slip; 0 where the impact takes all of that."""
 
 
-def _kept(method: Callable[..., Any]) -> Callable[..., Any]:
-    """Rows and matrices of a machine that are asked for again and again, read-only."""
-    name = method.__name__
-
-    @wraps(method)
-    def found(self: Machine, *given: Any) -> Any:
-        key = name, *given
-        made = self._known.get(key)
-        if made is None:
-            made = self._known[key] = method(self, *given)
-            if isinstance(made, np.ndarray):
-                made.setflags(write=False)
-        return made
-
-    return found
-
-
 @final
 class Machine:
     """An oscillator with imaginary changes of its numbers; without them all of it is real.
@@ -270,8 +253,6 @@ class Machine:
         self._given: Any = np.hstack([-self.stiffness, -self.damping, beside, forces.T])
         sizes = [[_OF_REGIME + _OF_GUARD * len(r.guards) for r in e.regimes] for e in self.elements]
         self._begins = [np.cumsum([5, *own]).tolist() for own in sizes]
-        self._modes: dict[Regimes, tuple[Any, Any]] = {}
-        self._known: dict[tuple[Any, ...], Any] = {}
 
     def closed(self, element: int) -> Regimes:
         """Contact with one stop, the others open."""
@@ -339,14 +320,14 @@ class Machine:
                 out += difference(moved, names[name], step) * (own.imag / STEP)
         return out
 
-    @_kept
+    @kept
     def gap(self, element: int) -> Any:
         """Row of the gap."""
         row = -self._place(element)
         row[: self.size] = self.elements[element].row(self.size)
         return self.elements[element].sign * row
 
-    @_kept
+    @kept
     def rate(self, element: int) -> Any:
         """Row of the rate of the gap, or of slip."""
         n, place = self.size, self._place(element)
@@ -367,7 +348,7 @@ class Machine:
         """A, (D, D), of a mode."""
         return self._mode(mode)[0]
 
-    @_kept
+    @kept
     def watched(self, mode: Regimes, element: int, guard: int) -> Any:
         """Row of what the element watches there: guard number `guard` of its regime."""
         gap, rate, force, stretch, level, normal = self.weights(mode, element, guard)
@@ -394,7 +375,7 @@ class Machine:
         own = self._mode(mode)[1][mode.held.index(element)]
         return self.elements[element].sign * own
 
-    @_kept
+    @kept
     def kick(self, mode: Regimes, element: int, rubs: Rubs = ()) -> Any:
         """(D,) change by an impulse that changes the rate of the gap by one, with friction."""
         out, over = self._pushed(mode, element)
@@ -402,7 +383,7 @@ class Machine:
             out = out - way * self.coefficient(k) * self._pushed(mode, k)[0]
         return out / over
 
-    @_kept
+    @kept
     def _pushed(self, mode: Regimes, element: int) -> tuple[Any, Any]:
         """(D,) change by a unit impulse, what holds held, and that of the rate of the gap."""
         n, rows, own = self.size, self._rows(mode.held), self.elements[element].row(self.size)
@@ -424,7 +405,7 @@ class Machine:
         own, over = (self._pushed(mode, k)[1] for k in (element, self.normal[element]))
         return self.coefficient(element) * own / over
 
-    @_kept
+    @kept
     def stopped(self, mode: Regimes, rubs: Rubs) -> Any:
         """(D, D): slip velocities that an impact takes are lost."""
         out: Any = np.eye(len(self._given[0]))
@@ -433,19 +414,19 @@ class Machine:
                 out = out - np.outer(self.kick(mode, k), self.rate(k))
         return out
 
-    @_kept
+    @kept
     def shift(self, element: int) -> Any:
         """(D,) change of positions that opens the gap by one."""
         row, out = self.elements[element].row(self.size), np.zeros_like(self._given[0].real)
         out[: self.size] = self.elements[element].sign * row / (row @ row)
         return out
 
-    @_kept
+    @kept
     def put_on(self, element: int) -> Any:
         """(D, D): positions are moved so that the gap is zero."""
         return np.eye(len(self._given[0])) - np.outer(self.shift(element), self.gap(element))
 
-    @_kept
+    @kept
     def caught(self, mode: Regimes, after: Regimes) -> Any:
         """(D, D): of what holds or sticks after an event, and not before, rates are lost.
 
@@ -473,13 +454,6 @@ class Machine:
                 out = out.astype(np.result_type(out, row))
                 out[self.size + place] += self.elements[k].sign * row
         return out
-
-    def _mode(self, mode: Regimes) -> tuple[Any, Any]:
-        """Its flow, and rows of the forces along what is held."""
-        found = self._modes.get(mode)
-        if found is None:
-            found = self._modes[mode] = self._built(mode)
-        return found
 
     def _forced(self, mode: Regimes) -> Any:
         """Forces (N, D) in a mode, but for those of what is held."""
@@ -509,7 +483,9 @@ class Machine:
         out[n : 2 * n] += terms
         return np.asarray(out)
 
-    def _built(self, mode: Regimes) -> tuple[Any, Any]:
+    @kept
+    def _mode(self, mode: Regimes) -> tuple[Any, Any]:
+        """Its flow, and rows of the forces along what is held."""
         n, w, given = self.size, self.frequency, self._forced(mode)
         rows = self._rows(mode.held)
         both = np.linalg.solve(self.mass, np.hstack([given, self._pushes(mode)]))

@@ -9,6 +9,7 @@ from typing import Any, final
 import numpy as np
 from numpy.typing import NDArray
 
+from dynkit.core.kept import kept
 from dynkit.core.no_motion import Refused
 from dynkit.core.validation import Array
 from dynkit.exponential.modes import LARGEST
@@ -60,7 +61,6 @@ class Parts:
     ) -> None:
         self._elements, self._structure, self.normal = tuple(elements), structure, normal
         self._regimes = [element.regimes for element in elements]
-        self._along: dict[tuple[tuple[int, ...], int], bool | None] = {}
         self._leads: dict[int, int] = {}
         self.falls = any(regime.damping < 0.0 for own in self._regimes for regime in own)
         self._sliders = [k for k, element in enumerate(elements) if element.slider]
@@ -207,18 +207,17 @@ class Parts:
         sticking = (k for k, r in enumerate(now) if r.sticks and not self.follows(k))
         return held, tuple(k for k in sticking if self.along(held, k) is False)
 
+    @kept
     def along(self, others: tuple[int, ...], element: int) -> bool | None:
         """Whether other elements hold the row of an element: see `rides`."""
-        if (others, element) not in self._along:
-            own, *given = self._alike(others, element)
-            rows = np.array([each.row(self._structure.size) for each in given])
-            held = [given[k] for k in independent(rows)]
-            rests = rides(self._structure, held, own)
-            if rests is False and others and self._structure.size == 1 + self._structure.sliders:
-                still = not any(self._elements[k].moves for k in (*others, element))
-                rests = True if still else None  # there all functions are held together
-            self._along[others, element] = rests
-        return self._along[others, element]
+        own, *given = self._alike(others, element)
+        rows = np.array([each.row(self._structure.size) for each in given])
+        held = [given[k] for k in independent(rows)]
+        rests = rides(self._structure, held, own)
+        if rests is False and others and self._structure.size == 1 + self._structure.sliders:
+            still = not any(self._elements[k].moves for k in (*others, element))
+            rests = True if still else None  # there all functions are held together
+        return rests
 
     def _alike(self, others: tuple[int, ...], element: int) -> list[Element]:
         """An element, and those of others whose rows are like its own in all states.

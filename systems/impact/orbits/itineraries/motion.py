@@ -7,6 +7,7 @@ from typing import Any, ClassVar, NamedTuple, final
 
 import numpy as np
 
+from dynkit.core.kept import kept
 from dynkit.core.validation import Array, read_only
 from dynkit.systems.impact.orbits.flights import Curve
 from dynkit.systems.impact.orbits.itineraries.itinerary import Course
@@ -84,7 +85,6 @@ class ItinerarySolution(ABC):
         self.hits, self.impulse_of, self.sides = course.hits, course.impulse_of, course.sides
         self.events = len(self.itinerary)
         self.impulses, self.event_phases = lap.impulses, lap.phases[:-1]
-        self._curves: dict[tuple[int, int, int], Curve] = {}
 
     @property
     def durations(self) -> Any:
@@ -110,12 +110,10 @@ class ItinerarySolution(ABC):
     # --- what is watched --------------------------------------------------------------------------
 
     @final
+    @kept
     def curve(self, i: int, element: int, guard: int = 0) -> Curve:
         """What an element watches from event number `i` to the next."""
-        key = i, element, guard
-        if key not in self._curves:
-            self._curves[key] = self._curve(*key)
-        return self._curves[key]
+        return self._curve(i, element, guard)
 
     @abstractmethod
     def _curve(self, i: int, element: int, guard: int) -> Curve:
