@@ -49,21 +49,8 @@ def error_of(problem: Any, x: Array, p: Array) -> float:
 def _sections(s: ShootingSolution, fine: Any, some: Sequence[int]) -> Array:
     """Rows (q, m): phases, and changes of states just after the events of the section."""
     n, d, unit = s.events, s.dimension, np.eye(fine.size)
-    first = fine.layout.events + fine.layout.impacts
-    change, after, node = np.zeros((d + 3, fine.size)), [], 0
-    for i in range(n):
-        if i in s.course.nodes:
-            change[:d] = unit[first + d * node :][:d]
-            node += 1
-        change[d:] = 0.0
-        change[d:, i] = s.turns(i)
-        pushed = change
-        if i in s.impulse_of:
-            pushed = pushed + np.outer(s.kicks[i], unit[n + s.impulse_of[i]])
-        after.append(s.resets[i] @ pushed)
-        change = s.transitions[i] @ after[i]
-        for k, part in s.lasts(i, 1.0):
-            change[:, k] += part * s.moving[i]
+    first = n + fine.layout.impacts
+    after = [changed for _, _, changed, _ in s.changes(1.0)]
     if not some:
         return np.concatenate([unit[:n], *_passed(s, after)])
     return np.concatenate([unit[:n], unit[n:first], *(after[i][:d] for i in some)])

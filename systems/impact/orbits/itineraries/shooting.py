@@ -307,41 +307,54 @@ class ShootingSolution(ItinerarySolution):
 
     def jacobian(self, multiplier: complex) -> Any:
         """Their derivative D(multiplier), (m, m)."""
-        n, d, k, last = self.events, self.dimension, len(self.hits), len(self.course.nodes) - 1
-        kind: Any = np.result_type(multiplier, 1.0)
-        size = n + k + d * (last + 1)
-        out = np.zeros((size, size), dtype=kind)
-        # changes by all unknowns: of the state before and just after each event
-        change, changes, node = np.zeros((d + 3, size), dtype=kind), [], -1
-        for i, event in enumerate(self.itinerary):
-            if i in self._node_of:
-                node = self._node_of[i]
-                change[:] = 0.0
-                change[:d, self._own(node)] = np.eye(d)
-            change[d:] = 0.0
-            change[d:, i] = self.turns(i)
-            if event.element < 0:
+        n, d, changes = self.events, self.dimension, []
+        out = np.zeros((self.size, self.size), dtype=np.result_type(multiplier, 1.0))
+        for i, change, after, ended in self.changes(multiplier):
+            if self.itinerary[i].element < 0:
                 out[i, i] = 1.0
             elif self.pairs[i] is None:
                 out[i] += self.guards[i] @ change
-            after = self.resets[i] @ change
             if i in self.impulse_of:
-                j = self.impulse_of[i]
-                out[n + j] += (1.0 + self.rebounds[1, j]) * (self.rates[j] @ change)
-                out[n + j, n + j] += 1.0
-                after[:, n + j] += self.resets[i] @ self.kicks[i]
+                j = n + self.impulse_of[i]
+                out[j] += (1.0 + self.rebounds[1, j - n]) * (self.rates[j - n] @ change)
+                out[j, j] += 1.0
             changes.append(after)
-            change = self.transitions[i] @ after
-            for column, part in self.lasts(i, multiplier):
-                change[:, column] += part * self.moving[i]
             if i == n - 1 or i + 1 in self._node_of:
-                there = 0 if node == last else node + 1
-                out[self._own(node)] = change[:d]
-                out[self._own(node), self._own(there)] -= np.eye(d) * (1.0 if there else multiplier)
+                node = self._own(self.course.node_before(i))
+                there = self._node_of.get(i + 1, 0)
+                out[node] = ended[:d]
+                out[node, self._own(there)] -= np.eye(d) * (1.0 if there else multiplier)
         for i, pair in enumerate(self.pairs):
             if pair is not None:
                 self._divide(out, i, pair, changes, multiplier)
         return out
+
+    @property
+    def size(self) -> int:
+        """The number m of unknowns, and of equations."""
+        return self.events + len(self.hits) + self.lap.states.size
+
+    def changes(self, multiplier: complex) -> Iterator[tuple[int, Any, Any, Any]]:
+        """Of each event changes (D, m) of states by all unknowns: before and after it, and later.
+
+        The last ones are those before the next event.
+        """
+        n, d = self.events, self.dimension
+        change = np.zeros((d + 3, self.size), dtype=np.result_type(multiplier, 1.0))
+        for i in range(n):
+            if i in self._node_of:
+                change[:] = 0.0
+                change[:d, self._own(self._node_of[i])] = np.eye(d)
+            change[d:] = 0.0
+            change[d:, i] = self.turns(i)
+            after = self.resets[i] @ change
+            if i in self.impulse_of:
+                after[:, n + self.impulse_of[i]] += self.resets[i] @ self.kicks[i]
+            ended = self.transitions[i] @ after
+            for column, part in self.lasts(i, multiplier):
+                ended[:, column] += part * self.moving[i]
+            yield i, change, after, ended
+            change = ended
 
     def _own(self, node: int) -> slice:
         """Which unknowns are the state at a node; which equations tell the next one."""
