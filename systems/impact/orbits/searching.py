@@ -135,7 +135,7 @@ def _add_returns(
         return 0
     times = record.time * (system.frequency / TWO_PI)
     after = np.rint(times[n:] - times[:-n]).astype(np.intp)
-    states = Recurrences(record.states[:, :-1], times, np.subtract)
+    states = Recurrences(system.without_shift(record.states)[:, :-1], times, np.subtract)
     distances = states.distances(slice(n, None), slice(None, -n))
     tried: Counter[int] = Counter()
     for place in np.argsort(distances, kind="stable").tolist():

@@ -299,6 +299,8 @@ class _ImpactOrbit:
         self.fresh = False
         record = self.record
         period, states = TWO_PI / self.system.frequency, record._without_phase
+        if self.system._progression.shift.size:
+            states = self.system.without_shift(record.states)[:, : states.shape[1]]
         releases = release_times = release_error = None
         after = _after_releases(record)
         if len(after):
@@ -344,10 +346,14 @@ class _ImpactOrbit:
         impacts = self._a_period_apart(label)
         if impacts is None:
             return label
-        if self.system._mapped:
+        if self.system._mapped or self.system._progression.shift.size:
             states = self.record.states[impacts[0] : impacts[2]]
             try:
                 factors = [self.system.jacobian(state) for state in states]
+                if self.system._progression.shift.size:
+                    following = [*states[1:], states[0]]
+                    ends = [[self.system._progression_at(y).across for y in own] for own in (states, following)]
+                    factors = [b.T @ f @ a for f, a, b in zip(factors, *ends, strict=True)]
             except (NoDerivative, TangentCrossing):
                 return label
             before, last = np.split(np.array(factors), [impacts[1] - impacts[0]])

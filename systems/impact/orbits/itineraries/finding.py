@@ -26,7 +26,7 @@ from dynkit.systems.impact.orbits.itineraries.simulated import run_for, simulate
 from dynkit.systems.impact.orbits.machine import Machine
 from dynkit.systems.impact.orbits.orbit import NONE, ImpactOrbit
 from dynkit.systems.impact.simulation.sampling import sample_run, sample_sliders
-from dynkit.systems.impact.simulation.state import TWO_PI, ImpactState
+from dynkit.systems.impact.simulation.state import TWO_PI, ImpactState, without_shift
 from dynkit.systems.impact.simulation.trajectory import Ending, Trajectory
 
 if TYPE_CHECKING:
@@ -70,7 +70,7 @@ def orbit_near(system: ImpactMap, state: ImpactState, periods: int) -> ImpactOrb
     NoConvergence
         When the motion is too far from an orbit, or the orbit is one of a family.
     """
-    began = time.perf_counter()
+    began, state = time.perf_counter(), without_shift(state)
     driven = system._excitation.turns
     if driven:
         length = periods * TWO_PI / system.frequency
@@ -80,7 +80,7 @@ def orbit_near(system: ImpactMap, state: ImpactState, periods: int) -> ImpactOrb
             seen = _of_contact(whole, length, TWO_PI / system.frequency)
     else:
         run = system._run(state, _CYCLE, store=True, most_switches=_CYCLE)
-        seen, length = of_cycle(events_seen(system, run), run)
+        seen, length = of_cycle(events_seen(system, run), run, system._progression.removed)
         periods = 1
     problem, guess = guess_of(system, state, seen, periods, length)
     x, history = _solved(problem, guess)

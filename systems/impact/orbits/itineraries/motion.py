@@ -178,10 +178,23 @@ class ItinerarySolution(ABC):
         return read_only(TWO_PI * (first + np.arange(turns)))
 
     @property
+    def progress(self) -> Array:
+        """Change (2N + J,) of the state in a period, of a machine that progresses."""
+        return np.zeros(2 * self.oscillator.degrees_of_freedom + len(self.oscillator._sliders))
+
+    @final
+    def _at(self, since: Array) -> Array:
+        """States (j, 2N + J) at any times (j,) from the first event on."""
+        states = self.passed(since % self.period)
+        if (progress := self.progress).any():
+            states = states + np.outer(since // self.period, progress)
+        return states
+
+    @property
     def section_states(self) -> Array:
         """Section coordinates (k, 2N) of the states."""
         if not len(self.hits):
-            return self.passed((self.phases - self.event_phases[0]) / self.clock % self.period)
+            return self._at((self.phases - self.event_phases[0]) / self.clock)
         n, system = self.oscillator.degrees_of_freedom, self.oscillator
         some, sides, speeds = self.hits, self.sides, self.relative_velocity
         if self.course.sticks:
@@ -202,7 +215,7 @@ class ItinerarySolution(ABC):
     def sample(self, since: Array) -> tuple[Array, Array]:
         """Positions and velocities (j, N) at times (j,) from the first state on, in one period."""
         late = float(self.phases[0] - self.event_phases[0]) / self.clock
-        z, n = self.passed((since + late) % self.period), self.oscillator.degrees_of_freedom
+        z, n = self._at(since + late), self.oscillator.degrees_of_freedom
         return z[:, :n], z[:, n : 2 * n]
 
     @property
