@@ -32,10 +32,10 @@ class Progression(NamedTuple):
     @classmethod
     def along(cls, shift: Array) -> Progression:
         """The progression along independent directions (d, m)."""
-        return cls(shift, np.linalg.pinv(shift))
+        return cls(shift, np.asarray(np.linalg.pinv(shift), dtype=np.float64))
 
     def removed(self, states: Array) -> Array:
-        """States (..., d) without their parts along the directions; the same where there is none."""
+        """States (..., d) without their parts along the directions."""
         return states - states @ self.part.T @ self.shift.T if self.shift.size else states
 
     @property
@@ -45,7 +45,7 @@ class Progression(NamedTuple):
 
 
 def depends_on_place(element: Element) -> bool:
-    """Whether an element acts by its gap; others see its rate alone, or carry their spring along."""
+    """Whether an element acts by its gap; others act by its rate, or their spring moves along."""
     return any(
         regime.holds
         or (regime.stiffness and not regime.anchored)
@@ -69,25 +69,24 @@ def directions(rigid: Array, damping: Array, elements: Sequence[Element]) -> Arr
         All along rows.
     """
     n, rows = len(rigid), [(depends_on_place(e), e.row(len(rigid))) for e in elements]
-    basis = np.linalg.qr(rigid)[0]
-    seen = [row for placed, row in rows if placed]
     slips = [*damping, *(row for placed, row in rows if not placed)]
-    free = basis @ _null(np.array(seen).reshape(-1, n) @ basis, seen)
-    if _null(np.array(slips) @ free, slips).size:
+    free = _unseen([row for placed, row in rows if placed], np.linalg.qr(rigid)[0])
+    if not free.size or _unseen(slips, free).size:
         free = free[:, :0]
-    if free.size:  # one coordinate of each direction is one there, and zero along all others
+    else:  # one coordinate of each direction is one there, and zero along all others
         own = qr(free.T, mode="r", pivoting=True)[1][: free.shape[1]]
         free = free @ np.linalg.inv(free[own])
+        whole = np.rint(free)
+        free = np.where(abs(free - whole) <= n * _ROUNDING, whole, free)
     return np.vstack([free, *(e.row(n)[None] @ free for e in elements if e.slider)])
 
 
-def _null(products: Array, rows: Sequence[Array]) -> Array:
-    """Orthonormal combinations (r, k) of directions that no row sees, by their products (j, r)."""
-    sizes = np.linalg.norm(np.array(rows).reshape(len(products), -1), axis=1)
-    scaled = products[sizes > 0.0] / sizes[sizes > 0.0, None]
-    count = products.shape[1]
-    if not scaled.size:
-        return np.eye(count)
-    values, vectors = np.linalg.svd(scaled)[1:]
-    rank = int((values > _ROUNDING * max(len(rows), len(rows[0]))).sum())
-    return np.asarray(vectors[rank:].T)
+def _unseen(rows: Sequence[Array], basis: Array) -> Array:
+    """The part (N, k) of orthonormal directions (N, r) along which all rows (N,) are zero."""
+    sizes = [float(np.linalg.norm(row)) for row in rows]
+    units = [row / size for row, size in zip(rows, sizes, strict=True) if size > 0.0]
+    if not units:
+        return basis
+    values, vectors = np.linalg.svd(np.array(units) @ basis)[1:]
+    rank = int((values > _ROUNDING * (len(units) + len(basis))).sum())
+    return np.asarray(basis @ vectors[rank:].T)

@@ -159,11 +159,19 @@ class ImpactOrbit(KeptSolution, PeriodicOrbit):
 
     @property
     def progression(self) -> Array:
-        """Change (N,) of the positions in a period: zero but for a machine that progresses.
+        """Change (N,) of the positions in a period, zero but for a machine that progresses.
 
-        Nothing that acts on such a machine depends on its place: it is known but for a shift, and
-        begins at zero along that. The multipliers are those of disturbances across the shift, which
-        has the multiplier one. The `error` is one of the progression, too.
+        No spring, stop or soft stop of such a machine sees a shift of its positions; friction or
+        dashpots resist it. The states repeat but for the shift, and are zero along it at first. The
+        multiplier one of the shift is left out of `multipliers`. The `error` holds for the
+        progression as well.
+
+        References
+        ----------
+        E. Pavlovskaia, M. Wiercigroch, C. Grebogi, Modeling of an impact system with a drift,
+        Physical Review E 64 (2001) 056224.
+        Y. Liu, M. Wiercigroch, E. Pavlovskaia, H. Yu, Modelling of a vibro-impact capsule system,
+        International Journal of Mechanical Sciences 66 (2013) 2-11.
         """
         return progression_of(self._solution)
 
@@ -202,6 +210,8 @@ class ImpactOrbit(KeptSolution, PeriodicOrbit):
     @cached_property
     def multipliers(self) -> Any:
         """Floquet multipliers, (2N + J,) complex with J sliders, the largest modulus first.
+
+        One fewer for each direction along which the machine progresses: see `progression`.
 
         They are those of the impact map, which equal those of the flow over the whole period. For
         P(inf,m) two are zero, since contact forgets the gap and its rate. The others are those of
@@ -295,7 +305,7 @@ class ImpactOrbit(KeptSolution, PeriodicOrbit):
         Parameters
         ----------
         times : (j,) array_like
-            Any finite times; the motion is periodic.
+            Any finite times; the motion is periodic, but for its `progression`.
 
         Returns
         -------

@@ -388,7 +388,9 @@ class ItineraryEquations(ImpactProblem):
         problem = self.remade(itinerary=tuple(station.event for station in own), nodes=nodes)
         if problem.responds:
             return problem._ascending(np.concatenate([phases, impulses]))
-        return problem, np.concatenate([phases, impulses, *(along.removed(own[i].state) for i in nodes)])
+        return problem, np.concatenate(
+            [phases, impulses, *(along.removed(own[i].state) for i in nodes)]
+        )
 
     def with_events(
         self, x: Array, p: Array, i: int, phase: float, more: list[Happening]

@@ -73,10 +73,11 @@ def _sections(s: ShootingSolution, fine: Any, some: Sequence[int]) -> Array:
         for k, part in s.lasts(i, 1.0):
             change[:, k] += part * s.moving[i]
         gone.append(gone[-1])
+    ended = [gone[-1] + along @ change[:d]] if s.progression.shift.size else []
     if not some:
-        return np.concatenate([unit[:n], *_passed(s, after, gone), gone[-1] + along @ change[:d]])
+        return np.concatenate([unit[:n], *_passed(s, after, gone), *ended])
     own = [after[i][:d] + gone[i] for i in some]
-    return np.concatenate([unit[:n], unit[n:first], *own, gone[-1] + along @ change[:d]])
+    return np.concatenate([unit[:n], unit[n:first], *own, *ended])
 
 
 def _passed(s: ShootingSolution, after: list[Array], gone: list[Array]) -> list[Array]:

@@ -132,6 +132,10 @@ def guess_of(
     """
     if quiet := not len(seen.events):
         seen = _quiet(system, state, periods)
+    along = system._progression
+    if along.shift.size:  # all begins at zero
+        first = seen.states[0]
+        seen = seen._replace(states=seen.states - (first - along.removed(first)))
     if sizes is None:
         sizes = _sizes(system, state, seen, length)
     for k in system._automaton.sliders:
@@ -148,7 +152,7 @@ def guess_of(
     if nodes[:1] != (0,):
         raise NoConvergence(_HELD)
     problem = ItineraryEquations(system, (), periods, seen.events, sizes, driven, nodes)
-    states = [] if problem.responds else [seen.states[node] for node in nodes]
+    states = [] if problem.responds else [along.removed(seen.states[node]) for node in nodes]
     return problem, np.concatenate([phases, _impulses(system, seen, phases), *states])
 
 

@@ -34,6 +34,9 @@ _ZERO = 1e-6
 _SLOW = 1e-9
 """Velocity of a slow impact."""
 
+_STILL = 1e-9
+"""Of the largest coordinate: one that remains smaller is zero to rounding."""
+
 _SAME = 1e-2
 """States of a cycle, a period apart, differ by no more, relative: then it is one cycle."""
 
@@ -327,9 +330,7 @@ def from_release(seen: Seen, first: int, end: float, within: float) -> Seen | No
     return seen.part(first, last) if late and late[last] < within else None
 
 
-def of_cycle(
-    seen: Seen, run: Trajectory, placed: Callable[[Array], Array]
-) -> tuple[Seen, float]:
+def of_cycle(seen: Seen, run: Trajectory, placed: Callable[[Array], Array]) -> tuple[Seen, float]:
     """The events, until it comes again, of a run that nothing drives, and the period.
 
     Raises
@@ -340,6 +341,7 @@ def of_cycle(
     count = len(seen.times)
     states = placed(seen.states)
     size = abs(states).max(axis=0, initial=0.0)
+    size = np.maximum(size, _STILL * size.max(initial=0.0))
     for k in range(1, count // 2 + 1):
         if seen.events[-k:] == seen.events[-2 * k : -k]:
             changes = abs(states[-k:] - states[-2 * k : -k])

@@ -443,13 +443,13 @@ class ShootingSolution(ItinerarySolution):
 
     @property
     def progress(self) -> Array:
-        return self._elsewhere[-1]
+        return np.asarray(self._elsewhere[-1])
 
     @cached_property
     def _elsewhere(self) -> Array:
-        """How far (n + 1, 2N + J) states at the events, and a period later, are from where all begin.
+        """Shifts (n + 1, 2N + J) from the first node to each event, and to the end of the period.
 
-        Along the shift of a machine that progresses: states at nodes are without it.
+        States at nodes are without the shift of a machine that progresses.
         """
         out = np.zeros((self.events + 1, self.dimension))
         for node in (*self.course.nodes[1:], self.events) if self.progression.shift.size else ():
