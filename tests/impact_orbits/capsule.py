@@ -1,10 +1,13 @@
 """A vibro-impact capsule, and its motion by an integrator that knows nothing of dynkit."""
 
+from dataclasses import dataclass
+from typing import Any
+
 import numpy as np
 from numpy.typing import NDArray
 from scipy.integrate import solve_ivp
 
-from dynkit.systems import DryFriction, HardStop, MatrixOscillator
+from dynkit.systems import DryFriction, HardStop, ImpactOscillator, MatrixOscillator
 
 Vector = NDArray[np.float64]
 
@@ -25,6 +28,33 @@ def capsule(
             HardStop((0, 1), offset=-gap, restitution=restitution, name="wall"),
             DryFriction(1, force=ground, name="ground"),
         ],
+    )
+
+
+@dataclass(frozen=True, kw_only=True)
+class SoftCapsule(ImpactOscillator):
+    """The same with a spring that hardens."""
+
+    degrees_of_freedom = 2
+    cubic: float
+
+    def kinetic(self, v: Any) -> Any:
+        return (INNER * v[0] ** 2 + SHELL * v[1] ** 2) / 2
+
+    def potential(self, x: Any) -> Any:
+        return (x[1] - x[0]) ** 2 / 2 + self.cubic * (x[1] - x[0]) ** 4 / 4
+
+    def dissipation(self, v: Any) -> Any:
+        return DRAG * (v[1] - v[0]) ** 2 / 2
+
+
+def hardened(system: Any, cubic: float) -> SoftCapsule:
+    """A capsule with a spring that hardens."""
+    return SoftCapsule(
+        cubic=cubic,
+        frequency=system.frequency,
+        harmonic_forces=system.harmonic_forces,
+        elements=system.elements,
     )
 
 

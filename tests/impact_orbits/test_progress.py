@@ -5,6 +5,7 @@ from typing import Any
 import mpmath
 import numpy as np
 import pytest
+import sympy
 from numpy.testing import assert_allclose
 
 from dynkit import basins, continue_orbit, explore, sweep
@@ -13,13 +14,14 @@ from dynkit.systems import (
     DryFriction,
     HardStop,
     ImpactChain,
+    ImpactOscillator,
     Jenkins,
     MatrixOscillator,
     SoftStop,
 )
 from dynkit.systems.impact.orbits.orbit import ImpactOrbit
 from dynkit.testing import check_problem
-from tests.impact_orbits.capsule import capsule, integrated
+from tests.impact_orbits.capsule import SoftCapsule, capsule, hardened, integrated
 
 CAPSULES = {
     "P(1,1)": capsule(1.8, 0.6, 0.02, 0.8),
@@ -28,9 +30,9 @@ CAPSULES = {
 }
 
 
-def orbit_of(system: MatrixOscillator) -> ImpactOrbit:
+def orbit_of(system: ImpactOscillator) -> ImpactOrbit:
     """The orbit of its attractor."""
-    found = system.attractor(transient=300, keep=60).periodic_orbit()
+    found = system.attractor(transient=60, keep=60).periodic_orbit()
     assert isinstance(found, ImpactOrbit)
     return found
 
@@ -87,6 +89,37 @@ def test_the_progression_is_that_of_simulated_periods(
     assert_allclose(x, expected[0], rtol=0.0, atol=1e-11)
     assert_allclose(x[1:] - x[:-1], [orbit.progression] * 4, rtol=0.0, atol=1e-11)
     assert_allclose(v, expected[1], rtol=0.0, atol=1e-11)
+
+
+def test_a_spring_that_is_not_linear_leaves_the_place_as_it_is(
+    orbits: dict[str, ImpactOrbit],
+) -> None:
+    linear = orbits["P(1,1)"]
+    slightly, system = (hardened(linear.system, cubic) for cubic in (1e-9, 0.5))
+    found = orbit_of(slightly)
+    assert slightly.engine == "Taylor"
+    assert_allclose(found.progression, linear.progression, rtol=1e-8)
+    assert_allclose(found.multipliers, linear.multipliers, atol=1e-8)
+    orbit = orbit_of(system)
+    assert orbit.label == "P(1,1)"
+    assert orbit.admissible
+    motion = system.attractor(transient=60, keep=10).record
+    assert_allclose(np.diff(motion.position[:, 0]), orbit.progression[0], rtol=0.0, atol=1e-10)
+    problem = orbit.problem("cubic")
+    h, (x, p) = 1e-5, (orbit.unknowns, problem.values)
+    sides = [problem.residual(x, p + step) for step in (h, -h)]
+    expected = (sides[0] - sides[1]) / (2.0 * h)
+    assert_allclose(problem.parameter_derivative(x, p)[:, 0], expected, atol=1e-9)
+
+
+def test_a_rail_that_is_not_even_sees_the_place() -> None:
+    class Rail(SoftCapsule):
+        def potential(self, x: Any) -> Any:
+            return super().potential(x) + sympy.sin(x[1]) / 100
+
+    given: Any = {"cubic": 0.5, "frequency": 1.0, "elements": [DryFriction(1, force=0.3)]}
+    assert SoftCapsule(**given)._progression.shift.shape == (4, 1)
+    assert Rail(**given)._progression.shift.shape == (4, 0)
 
 
 def block(bias: float) -> MatrixOscillator:

@@ -6,10 +6,11 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
-from scipy.linalg import null_space, qr
+from scipy.linalg import null_space
 
 from dynkit.core.validation import Array
 from dynkit.systems.impact.elements.element import Element
+from dynkit.systems.structure.equations import in_echelon
 
 _ROUNDING = 8.0 * 2.0**-52
 """Of each of N terms: what a row of length one makes of a direction of length one is zero."""
@@ -65,6 +66,7 @@ def directions(rigid: Array, damping: Array, elements: Sequence[Element]) -> Arr
     rigid : (N, r)
         Independent motions without restoring force.
     damping : (N, N)
+        Derivatives of the forces by velocities.
     elements : sequence of Element
         All along rows.
     """
@@ -73,9 +75,8 @@ def directions(rigid: Array, damping: Array, elements: Sequence[Element]) -> Arr
     free = _unseen([row for placed, row in rows if placed], np.linalg.qr(rigid)[0])
     if not free.size or _unseen(slips, free).size:
         free = free[:, :0]
-    else:  # one coordinate of each direction is one there, and zero along all others
-        own = qr(free.T, mode="r", pivoting=True)[1][: free.shape[1]]
-        free = free @ np.linalg.inv(free[own])
+    else:
+        free = in_echelon(free)
         whole = np.rint(free)
         free = np.where(abs(free - whole) <= n * _ROUNDING, whole, free)
     return np.vstack([free, *(e.row(n)[None] @ free for e in elements if e.slider)])

@@ -221,9 +221,13 @@ class DrivenStructure(LagrangianStructure):
     def _progression(self) -> Progression:
         """Of whole states, (2N + J,), the directions along which the machine progresses."""
         n, found = self.degrees_of_freedom, np.zeros((self._size, 0))
-        if self._motion is None and self.modes.frequencies[0] == 0.0:
-            rigid = self.modes.matrix[:, self.modes.frequencies == 0.0]
-            found = directions(rigid, self.damping_matrix, self._elements)
+        if self._motion is not None:
+            rigid, drag = self._motion.shifts(self.frequency)
+        else:
+            modes, drag = self.modes, self.damping_matrix
+            rigid = modes.matrix[:, modes.frequencies == 0.0]
+        if rigid.size and not self._curves:
+            found = directions(rigid, drag, self._elements)
         return Progression.along(np.insert(found, [n] * n, 0.0, axis=0))
 
     @cached_property
