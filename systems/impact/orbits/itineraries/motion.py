@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
+from functools import cached_property
 from typing import Any, ClassVar, NamedTuple, final
 
 import numpy as np
 
 from dynkit.core.validation import Array, read_only
+from dynkit.systems.impact.modes.progression import Progression
 from dynkit.systems.impact.orbits.flights import Curve
 from dynkit.systems.impact.orbits.itineraries.itinerary import Course
 from dynkit.systems.impact.simulation.state import SHEET, TWO_PI
@@ -79,6 +81,7 @@ class ItinerarySolution(ABC):
         self, oscillator: Any, measures: Array, course: Course, lap: Lap, clock: Any
     ) -> None:
         self.oscillator, self.measures = oscillator, measures
+        self.progression: Progression = oscillator._progression
         self.course, self.lap, self.clock = course, lap, clock
         self.itinerary, self.following = course.itinerary, course.following
         self.hits, self.impulse_of, self.sides = course.hits, course.impulse_of, course.sides
@@ -97,6 +100,11 @@ class ItinerarySolution(ABC):
     @abstractmethod
     def restitutions(self) -> Any:
         """Coefficients of restitution (k,) of the impacts."""
+
+    @property
+    def reached(self) -> Any:
+        """Whole states (n, D) just before the next events, of motions with unknown states."""
+        raise NotImplementedError
 
     @property
     @abstractmethod
@@ -180,7 +188,20 @@ class ItinerarySolution(ABC):
     @property
     def progress(self) -> Array:
         """Change (2N + J,) of the state in a period, of a machine that progresses."""
-        return np.zeros(2 * self.oscillator.degrees_of_freedom + len(self.oscillator._sliders))
+        return np.asarray(self._elsewhere[-1])
+
+    @cached_property
+    def _elsewhere(self) -> Array:
+        """Shifts (n + 1, 2N + J) from the first node to each event, and to the end of the period.
+
+        States at nodes are without the shift of a machine that progresses.
+        """
+        along = self.progression
+        out = np.zeros((self.events + 1, len(along.shift)))
+        for node in (*self.course.nodes[1:], self.events) if along.shift.size else ():
+            ended = self.reached[node - 1, : len(along.shift)]
+            out[node:] += ended - along.removed(ended)
+        return out
 
     @final
     def _at(self, since: Array) -> Array:

@@ -69,7 +69,7 @@ class ShootingSolution(ItinerarySolution):
         self.scene, self.machine, self.pairs, self.driven = scene, scene.machine, pairs, driven
         clock = scene.machine.frequency if driven else TWO_PI / lap.turn
         super().__init__(scene.oscillator, scene.measures, course, lap, clock)
-        self.dimension, self.progression = lap.states.shape[1], scene.oscillator._progression
+        self.dimension = lap.states.shape[1]
         self._kicks: dict[int, Any] = {}
         self._put: dict[int, Array] = {}
         self._node_of = dict(zip(course.nodes, range(len(course.nodes)), strict=True))
@@ -439,22 +439,6 @@ class ShootingSolution(ItinerarySolution):
             if j in self.impulse_of:
                 k = self.impulse_of[j]
                 rows[n + k] = (1.0 + self.rebounds[1, k]) * self.rates[k, :d]
-        return out
-
-    @property
-    def progress(self) -> Array:
-        return np.asarray(self._elsewhere[-1])
-
-    @cached_property
-    def _elsewhere(self) -> Array:
-        """Shifts (n + 1, 2N + J) from the first node to each event, and to the end of the period.
-
-        States at nodes are without the shift of a machine that progresses.
-        """
-        out = np.zeros((self.events + 1, self.dimension))
-        for node in (*self.course.nodes[1:], self.events) if self.progression.shift.size else ():
-            ended = self.reached[node - 1, : self.dimension]
-            out[node:] += ended - self.progression.removed(ended)
         return out
 
     # --- flights ----------------------------------------------------------------------------------
