@@ -93,20 +93,14 @@ def test_the_progression_is_that_of_simulated_periods(
     assert_allclose(v, [velocity] * 5, rtol=0.0, atol=1e-11)
 
 
-def test_a_spring_that_is_not_linear_leaves_the_place_as_it_is(
-    orbits: dict[str, ImpactOrbit],
-) -> None:
+def test_taylor_s_method_finds_the_same_progression(orbits: dict[str, ImpactOrbit]) -> None:
     linear = orbits["P(1,1)"]
-    slightly, system = (hardened(linear.system, cubic) for cubic in (1e-9, 0.5))
-    found = orbit_of(slightly)
-    assert slightly.engine == "Taylor"
-    assert_allclose(found.progression, linear.progression, rtol=1e-8)
-    assert_allclose(found.multipliers, linear.multipliers, atol=1e-8)
+    system = hardened(linear.system, 1e-9)
+    assert system.engine == "Taylor"
     orbit = orbit_of(system)
-    assert orbit.label == "P(1,1)"
     assert orbit.admissible
-    motion = system.attractor(transient=300, keep=10).record
-    assert_allclose(np.diff(motion.position[:, 0]), orbit.progression[0], rtol=0.0, atol=1e-10)
+    assert_allclose(orbit.progression, linear.progression, rtol=1e-8)
+    assert_allclose(orbit.multipliers, linear.multipliers, atol=1e-8)
     problem = orbit.problem("cubic")
     h, (x, p) = 1e-5, (orbit.unknowns, problem.values)
     sides = [problem.residual(x, p + step) for step in (h, -h)]
