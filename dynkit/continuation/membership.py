@@ -126,6 +126,7 @@ def _same(orbit: PeriodicOrbit, other: PeriodicOrbit, on_planes: bool) -> bool:
     states, others = orbit.states, other.states
     if on_planes:
         states = other.system.seen_of(orbit.system, states)
+    states, others = (other.system.without_shift(each) for each in (states, others))
     if states.shape != others.shape:
         return False
     sizes = np.maximum(abs(states).max(axis=0), 0.1 * abs(states).max())

@@ -175,6 +175,14 @@ class SmoothMap(Family, ABC):
         """
         return np.asarray(a, dtype=np.float64) - np.asarray(b, dtype=np.float64)
 
+    def without_shift(self, states: Array) -> Array:
+        """Return states (..., d) without the shift that has no effect; by default the same.
+
+        States that differ by such a shift alone count as one: in labels, basins, sweeps and where
+        orbits are compared. A machine that progresses has such a shift, its place on the ground.
+        """
+        return states
+
     def parameter_derivative(self, state: Array, name: str) -> Array:
         """Return the derivative of the next state with respect to a parameter.
 

@@ -168,9 +168,9 @@ def known_names(known: Sequence[str], asked: object) -> tuple[str, ...]:
 
 def _near(orbit: Attractor, other: Attractor, size: float) -> bool:
     """Whether the last state of another motion is near an orbit, relative to the orbit's size."""
-    gaps = orbit.system.difference(orbit.states, other.states[-1])
-    nearest = float(np.linalg.norm(gaps, axis=1).min())
-    return nearest <= size * (float(np.linalg.norm(orbit.states, axis=1).max()) or 1.0)
+    states, there = (orbit.system.without_shift(o.states) for o in (orbit, other))
+    nearest = float(np.linalg.norm(orbit.system.difference(states, there[-1]), axis=1).min())
+    return nearest <= size * (float(np.linalg.norm(states, axis=1).max()) or 1.0)
 
 
 @final

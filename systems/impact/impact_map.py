@@ -25,6 +25,7 @@ from dynkit.systems.impact.elements.parameters import (
     with_law,
     with_numbers,
 )
+from dynkit.systems.impact.modes.progression import Progression
 from dynkit.systems.impact.simulation.driven_structure import OF_TABLE, DrivenStructure
 from dynkit.systems.impact.simulation.runs import trajectory_of
 from dynkit.systems.impact.simulation.starts import entered, start
@@ -341,6 +342,20 @@ class ImpactMap(DrivenStructure, Map):
 
         start = state if isinstance(state, ImpactState) else self.impact_state(state)
         return stretching(self, start, n, frame, self.accuracy)
+
+    def without_shift(self, states: Array) -> Array:
+        if not self._progression.shift.size:
+            return states
+        if not self._several:
+            return self._progressions[0].removed(states)
+        out, sheets = states.copy(), sheet_of(states[..., -1])
+        for k, own in enumerate(self._progressions):
+            out[sheets == k] = own.removed(states[sheets == k])
+        return out
+
+    def _progression_at(self, state: Array) -> Progression:
+        """Of section coordinates at a state, (d,)."""
+        return self._progressions[int(sheet_of(state[-1])) if self._several else 0]
 
     def difference(self, a: Array, b: Array) -> Array:
         out = np.asarray(a, dtype=np.float64) - np.asarray(b, dtype=np.float64)

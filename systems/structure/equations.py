@@ -163,6 +163,28 @@ class Motion:
         """Energy, power lost and power gained by the dependence on the phase, (3,)."""
         return self._filled("energies", rate, x, v, phase, (3,))
 
+    def shifts(self, rate: float) -> tuple[Array, Array]:
+        """Directions (N, m) along which nothing changes, and derivatives (N, N) of f by v.
+
+        Candidates are integer directions that change no force at some states; that none of the
+        expressions changes is proved by their derivatives. Where this is not seen, m is 0.
+        """
+        from scipy.linalg import null_space
+
+        n, random = self.equations.size, np.random.default_rng(0)
+        states, found = random.uniform(-1.0, 1.0, (_STATES, 2, n)), []
+        with np.errstate(all="ignore"):
+            found = [self.tangent(rate, x, v, 0.1 * k) for k, (x, v) in enumerate(states)]
+        free, by_x = np.zeros((n, 0)), np.concatenate([each for each, _ in found])
+        if np.isfinite(by_x).all() and (free := null_space(by_x, rcond=_UNSEEN)).size:
+            free = in_echelon(free)
+            whole = np.rint(free)
+            proved = abs(free - whole).max() < _UNSEEN and all(
+                _is_shift(self.equations, tuple(map(int, d))) for d in whole.T
+            )
+            free = whole[:, : whole.shape[1] * proved]
+        return np.asarray(free), found[0][1]
+
     def _filled(
         self, code: str, rate: float, x: Array, v: Array, phase: float, shape: tuple[int, ...]
     ) -> Array:
@@ -172,6 +194,28 @@ class Motion:
         state = np.concatenate([x, v, [phase]])
         kernels.apply(getattr(self.equations, code).address, state, parameters, out)
         return out
+
+
+_STATES, _UNSEEN = 3, 1e-10
+"""States at which shifts are sought, and the ratio of what they change to the largest change."""
+
+
+@lru_cache(_MOST_KEPT)
+def _is_shift(equations: Equations, direction: tuple[int, ...]) -> bool:
+    """Whether no mass and no force changes along a direction of the coordinates."""
+    from sympy import Add, expand
+
+    pairs = list(zip(direction, equations.x, strict=True))
+    parts = (*equations.force, *(entry for row in equations.mass for entry in row))
+    return all(expand(Add(*(d * part.diff(x) for d, x in pairs if d))) == 0 for part in parts)
+
+
+def in_echelon(directions: Array) -> Array:
+    """The same span (N, m), of each direction one coordinate one there and zero along others."""
+    from scipy.linalg import qr
+
+    own = qr(directions.T, mode="r", pivoting=True)[1][: directions.shape[1]]
+    return np.asarray(directions @ np.linalg.inv(directions[own]))
 
 
 def has_arguments_of_its_own(structure: LagrangianStructure) -> bool:

@@ -85,7 +85,11 @@ class Look:
         There are fewer when the motion has no more.
         """
         motion = self.system.attractor(start=state, transient=1, keep=count)
-        return motion.states, motion.final
+        return self.states_of(motion), motion.final
+
+    def states_of(self, motion: Attractor) -> Array:
+        """Return the kept states, (n, d), of a motion, without the shift that has no effect."""
+        return self.system.without_shift(motion.states)
 
     def __call__(self, starts: Array) -> Rows:
         """Return the rows of some starts."""
@@ -120,7 +124,7 @@ class Look:
             if label.kind in (OrbitKind.PERIODIC, OrbitKind.STICKING):
                 state, final, rest = self._settled(motion, label)
             elif label.kind is OrbitKind.CHAOTIC:
-                state, final, rest = motion.states[-1], motion.final, np.nan
+                state, final, rest = self.states_of(motion)[-1], motion.final, np.nan
             elif label.kind is OrbitKind.QUASI_PERIODIC:
                 states, final = self.states_after(motion.final, label.simulated)
                 state, rest = states[-1], np.nan
@@ -163,7 +167,7 @@ class Look:
             Distance to the orbit, estimated from the decrease of the recurrence.
         """
         difference, window = self.system.difference, orbit_size(label)
-        states, final, seen = motion.states, motion.final, 0
+        states, final, seen = self.states_of(motion), motion.final, 0
         later = label.simulated - len(states)
         if later > 0:  # the label describes later states; kept ones may lie near another orbit
             (_, final), states = self.states_after(final, later), states[:0]

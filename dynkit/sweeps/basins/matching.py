@@ -143,7 +143,7 @@ def _filled(kind: OrbitKind, look: Look, rows: Rows, finish: Finish) -> tuple[li
             ended[first] = later
             left = left[1:]
             continue
-        states = motion.states
+        states = look.states_of(motion)
         reference, own = states[:_REFERENCE], states[_REFERENCE:]
         limit = _FACTOR * float(np.median(nearest(look, reference, own)))
         same = _medians(look, reference, finals[left], finish) <= limit

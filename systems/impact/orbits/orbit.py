@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any, Protocol, final
 import numpy as np
 
 from dynkit.core.reprs import Facts, system_repr
-from dynkit.core.validation import Array, finite_array, one_of
+from dynkit.core.validation import Array, finite_array, one_of, read_only
 from dynkit.orbits.equations import KeptSolution
 from dynkit.orbits.problem import PeriodicOrbit
 from dynkit.systems.impact.orbits.itineraries.motion import ItinerarySolution
@@ -61,6 +61,15 @@ class OrbitEquations(Protocol):
 
     def state_error(self, x: Array, p: Array, residual: float) -> float:
         """Largest error of a section coordinate, where so large a residual is left."""
+
+
+PROGRESSION = "progression"
+"""Observable of orbits of machines that progress."""
+
+
+def progression_of(solution: ItinerarySolution) -> Array:
+    """Change (N,) of the positions in a period."""
+    return read_only(solution.progress[: solution.oscillator.degrees_of_freedom])
 
 
 def observables_of(solution: ItinerarySolution) -> dict[str, Array]:
@@ -148,6 +157,24 @@ class ImpactOrbit(KeptSolution, PeriodicOrbit):
         """Period in units of time."""
         return float(self._solution.period)
 
+    @property
+    def progression(self) -> Array:
+        """Change (N,) of the positions in a period, zero but for a machine that progresses.
+
+        No spring, stop or soft stop of such a machine sees a shift of its positions; friction or
+        dashpots resist it. The states repeat but for the shift, and are zero along it at first. The
+        multiplier one of the shift is left out of `multipliers`. The `error` holds for the
+        progression as well.
+
+        References
+        ----------
+        E. Pavlovskaia, M. Wiercigroch, C. Grebogi, Modeling of an impact system with a drift,
+        Physical Review E 64 (2001) 056224.
+        Y. Liu, M. Wiercigroch, E. Pavlovskaia, H. Yu, Modelling of a vibro-impact capsule system,
+        International Journal of Mechanical Sciences 66 (2013) 2-11.
+        """
+        return progression_of(self._solution)
+
     # --- its states -------------------------------------------------------------------------------
 
     @property
@@ -183,6 +210,8 @@ class ImpactOrbit(KeptSolution, PeriodicOrbit):
     @cached_property
     def multipliers(self) -> Any:
         """Floquet multipliers, (2N + J,) complex with J sliders, the largest modulus first.
+
+        One fewer for each direction along which the machine progresses: see `progression`.
 
         They are those of the impact map, which equal those of the flow over the whole period. For
         P(inf,m) two are zero, since contact forgets the gap and its rate. The others are those of
@@ -255,15 +284,20 @@ class ImpactOrbit(KeptSolution, PeriodicOrbit):
     def observable(self, name: str) -> Array:
         """Return ``relative_velocity``, ``phase`` or ``time`` at the impacts, (n,).
 
-        Without impacts the coordinates ``state[0]`` and so on at the states.
+        Without impacts the coordinates ``state[0]`` and so on at the states. And the `progression`,
+        ``progression``, (N,), of a machine that progresses.
         """
         return self._observables[one_of("name", name, self._observables)]
 
     @property
     def _observables(self) -> Mapping[str, Array]:
         if not len(self._solution.impulses):
-            return self.system.coordinates(self.states)
-        return observables_of(self._solution)
+            found = self.system.coordinates(self.states)
+        else:
+            found = observables_of(self._solution)
+        if self.system._progression.shift.size:
+            return {**found, PROGRESSION: self.progression}
+        return found
 
     def sample(self, times: object) -> tuple[Array, Array]:
         """Positions and velocities at given times since the first state.
@@ -271,13 +305,17 @@ class ImpactOrbit(KeptSolution, PeriodicOrbit):
         Parameters
         ----------
         times : (j,) array_like
-            Any finite times; the motion is periodic.
+            Any finite times; the motion is periodic, but for its `progression`.
 
         Returns
         -------
         position, velocity : (j, N) arrays
         """
-        return self._solution.sample(finite_array("times", times, (None,)) % self.period)
+        asked = finite_array("times", times, (None,))
+        x, v = self._solution.sample(asked % self.period)
+        if self.progression.any():
+            x = x + np.outer(asked // self.period, self.progression)
+        return x, v
 
     def _series(self) -> Series:
         begin, ends = float(self.phases[0]), [] if self.sticks else [self.period]

@@ -125,7 +125,7 @@ def _add_returns(
         return 0
     times = record.time * (system.frequency / TWO_PI)
     after = np.rint(times[n:] - times[:-n]).astype(np.intp)
-    states = Recurrences(record.states[:, :-1], times, np.subtract)
+    states = Recurrences(system.without_shift(record.states)[:, :-1], times, np.subtract)
     distances = states.distances(slice(n, None), slice(None, -n))
     tried: Counter[int] = Counter()
     for place in np.argsort(distances, kind="stable").tolist():
@@ -185,11 +185,13 @@ def _near_return(
     """
     system: Any = record.system
     try:
-        run = system._run(system.impact_state(record.states[place]), impacts, store=True)
+        start = system.without_shift(record.states[place])
+        run = system._run(system.impact_state(start), impacts, store=True)
         seen = events_seen(system, run)
         if any(event.chatters for event in seen.events) or run.impacts != impacts:
             return None
         length = periods * TWO_PI / system.frequency
-        return guess_of(system, run.start, seen, periods, length, sizes)
+        given = None if system._progression.shift.size else sizes
+        return guess_of(system, run.start, seen, periods, length, given)
     except (NoMotion, NoConvergence) as refusal:
         raise NoSolution(str(refusal)) from refusal

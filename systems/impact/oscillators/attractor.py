@@ -299,6 +299,8 @@ class _ImpactOrbit:
         self.fresh = False
         record = self.record
         period, states = TWO_PI / self.system.frequency, record._without_phase
+        if self.system._progression.shift.size:
+            states = self.system.without_shift(record.states)[:, : states.shape[1]]
         releases = release_times = release_error = None
         after = _after_releases(record)
         if len(after):
@@ -344,10 +346,14 @@ class _ImpactOrbit:
         impacts = self._a_period_apart(label)
         if impacts is None:
             return label
-        if self.system._mapped:
+        if self.system._mapped or self.system._progression.shift.size:
             states = self.record.states[impacts[0] : impacts[2]]
             try:
                 factors = [self.system.jacobian(state) for state in states]
+                if self.system._progression.shift.size:
+                    begin = [self.system._progression_at(state).across for state in states]
+                    end = [*begin[1:], begin[0]]
+                    factors = [b.T @ f @ a for a, f, b in zip(begin, factors, end, strict=True)]
             except (NoDerivative, TangentCrossing):
                 return label
             before, last = np.split(np.array(factors), [impacts[1] - impacts[0]])
@@ -387,12 +393,17 @@ def _counts(system: ImpactMap, start: ImpactState, label: OrbitLabel) -> Any:
 
 
 def _harmonics(system: ImpactMap, start: ImpactState, label: OrbitLabel) -> int:
-    """Number of harmonics needed for the contact coordinate of a periodic motion."""
+    """Number of harmonics needed for the contact coordinate of a periodic motion.
+
+    Of a machine that progresses without its mean velocity.
+    """
     motion = ImpactAttractor(system, 0, system.simulate(impacts=1, start=start), None)
     samples = max(_SAMPLES, 2 ** math.ceil(math.log2(_A_PERIOD * (label.periods or 1))))
     coordinate = system.contact % system.degrees_of_freedom
+    period, speed = period_of(system, start, label)[0], 0.0
+    if system._progression.shift.size:
+        begin, end = motion.time_series(np.array([0.0, period]))[:, coordinate]
+        speed = float(end - begin) / period
     return harmonics_needed(
-        lambda times: motion.time_series(times)[:, coordinate],
-        period_of(system, start, label)[0],
-        samples,
+        lambda times: motion.time_series(times)[:, coordinate] - speed * times, period, samples
     )

@@ -25,6 +25,7 @@ from dynkit.systems.impact.elements.laws import ImpactLaw, checked_restitution
 from dynkit.systems.impact.elements.parameters import check_curved, checked_elements, names_of
 from dynkit.systems.impact.elements.stops import HardStop
 from dynkit.systems.impact.modes.curves import Along, CurvedContact
+from dynkit.systems.impact.modes.progression import Progression, directions
 from dynkit.systems.impact.modes.structure import (
     Contact,
     Excitation,
@@ -215,6 +216,28 @@ class DrivenStructure(LagrangianStructure):
     def _size(self) -> int:
         """Number of coordinates, sliders included."""
         return self.degrees_of_freedom + len(self._sliders)
+
+    @cached_property
+    def _progression(self) -> Progression:
+        """Of whole states, (2N + J,), the directions along which the machine progresses."""
+        n, found = self.degrees_of_freedom, np.zeros((self._size, 0))
+        if self._motion is not None:
+            rigid, drag = self._motion.shifts(self.frequency)
+        else:
+            modes, drag = self.modes, self.damping_matrix
+            rigid = modes.matrix[:, modes.frequencies == 0.0]
+        if rigid.size and not self._curves:
+            found = directions(rigid, drag, self._elements)
+        return Progression.along(np.insert(found, [n] * n, 0.0, axis=0))
+
+    @cached_property
+    def _progressions(self) -> list[Progression]:
+        """The same of section coordinates, on each hard stop."""
+        n, own = self.degrees_of_freedom, self._progression.shift
+        kept = [self._crossed.kept] if self._strobed else [(o, o) for o in self._others]
+        places = [np.r_[x, n + v, 2 * n : len(own)] for x, v in kept]
+        more = 0 if self._strobed else 2
+        return [Progression.along(np.pad(own[k], ((0, more), (0, 0)))) for k in places]
 
     @cached_property
     def _contact(self) -> Contact:

@@ -206,6 +206,17 @@ def state_at(
     return state_of(oscillator, q, turn, speed, element, motion, closed)
 
 
+def without_shift(state: ImpactState) -> ImpactState:
+    """The same state, of a machine that progresses at zero along its shift."""
+    system, along = state._system, state._system._progression
+    if not along.shift.size:
+        return state
+    n, (x, v) = system.degrees_of_freedom, state._place
+    z = along.removed(np.concatenate([x[:n], v[:n], x[n:]]))
+    own = state.speed, state.element, state.motion, state.closed
+    return state_at(system, np.append(z[:n], z[2 * n :]), v, state._turn, *own)
+
+
 def beside(oscillator: DrivenStructure, x: Array) -> Array:
     """Positions or velocities (N,) with zeros for those of sliders, (N + J,)."""
     return np.pad(x, (0, len(oscillator._sliders))) if oscillator._sliders else x

@@ -20,7 +20,8 @@ _PARTING = 1e-5
 def multipliers(s: Any) -> Any:
     """Floquet multipliers (2N + J,), the largest first; some of what sticks are zero."""
     factors, _ = s.factors
-    found = np.zeros(s.dimension - (not s.driven), dtype=complex)
+    kept = s.dimension - s.progression.shift.shape[1] - (not s.driven)
+    found = np.zeros(kept, dtype=complex)
     if s.course.sticks and not s.impulses.all():
         # an impact that only grazes stretches without bound
         found[0] = np.inf
@@ -62,6 +63,9 @@ def factors_of(s: Any) -> tuple[Array, Array]:
     factors = factors * m / m[:, None]
     if s.course.sticks:
         factors = _in_contact(s, factors)
+    elif s.progression.shift.size:
+        across = null_space((s.progression.shift / m[:, None]).T)
+        factors = across.T @ factors @ across
     grown = 16.0 + s.norms
     if s.course.sticks:
         grown = grown.sum() + np.zeros(len(factors))
@@ -90,8 +94,9 @@ def held_directions(s: Any, node: int) -> Array:
     i, m = s.course.nodes[node], s.measures[: s.dimension]
     mode, z = s.itinerary[i].mode, s.before[i]
     stops, own = [k for k in mode.held if k < len(s.oscillator._stops)], s.flights(mode)
-    rows = [of(k, z)[1][: s.dimension] for k in stops for of in (own.gap_of, own.rate_of)]
-    return np.asarray(null_space(np.array(rows).reshape(len(rows), len(m)) * m))
+    rows = [of(k, z)[1][: s.dimension] * m for k in stops for of in (own.gap_of, own.rate_of)]
+    rows += list((s.progression.shift / m[:, None]).T)
+    return np.asarray(null_space(np.array(rows).reshape(len(rows), len(m))))
 
 
 def _in_contact(s: Any, factors: Array) -> Array:

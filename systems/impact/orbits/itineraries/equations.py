@@ -25,7 +25,13 @@ from dynkit.systems.impact.orbits.itineraries.openness import flights_are_open
 from dynkit.systems.impact.orbits.itineraries.parting import parted
 from dynkit.systems.impact.orbits.itineraries.responses import ResponseSolution
 from dynkit.systems.impact.orbits.itineraries.shooting import ShootingSolution
-from dynkit.systems.impact.orbits.orbit import NONE, ImpactOrbit, observables_of
+from dynkit.systems.impact.orbits.orbit import (
+    NONE,
+    PROGRESSION,
+    ImpactOrbit,
+    observables_of,
+    progression_of,
+)
 from dynkit.systems.impact.orbits.problem import ImpactProblem
 from dynkit.systems.impact.simulation.state import TWO_PI
 
@@ -72,6 +78,8 @@ class ItineraryEquations(ImpactProblem):
     def observed(self, x: Array, p: Array, name: str) -> Array:
         solution = self.at(x, p)
         found = observables_of(solution) if len(solution.impulses) else {}
+        if name == PROGRESSION:
+            return progression_of(solution)
         return found[name] if name in found else super().observed(x, p, name)
 
     def multipliers(self, x: Array, p: Array) -> Any:
@@ -104,7 +112,7 @@ class ItineraryEquations(ImpactProblem):
         if not self.driven:
             raise NoSolution("the map of returns of a machine that nothing drives is not known")
         if not self.sticks:
-            return super().returns(x, p)
+            return self._across(*super().returns(x, p))
         # From states in contact, at the phase of the first release, to those of a period later.
         # Where it releases earlier or later the map is the same to first order.
         s, at, n = self.at(x, p), float(x[0]), len(x)
@@ -144,6 +152,14 @@ class ItineraryEquations(ImpactProblem):
             return np.asarray(basis.T @ (back / unit[:, None]))
 
         return jacobian, np.zeros(basis.shape[1])
+
+    def _across(self, jacobian: Any, place: Array) -> tuple[Any, Array]:
+        """A derivative of returns and a state, of disturbances across the shift of the machine."""
+        if not self.oscillator._progression.shift.size:
+            return jacobian, place
+        across = self.oscillator._progression_at(place).across
+        own = across.T @ place
+        return lambda state: across.T @ jacobian(place + across @ (state - own)) @ across, own
 
     def state_error(self, x: Array, p: Array, residual: float) -> float:  # noqa: ARG002
         """Estimate of the largest error of a section coordinate: see `ImpactOrbit.error`."""
@@ -368,10 +384,13 @@ class ItineraryEquations(ImpactProblem):
             phases[0] = x[0]
         impulses = [station.impulse for station in own if station.impulse is not None]
         nodes = 0, *(i for i, station in enumerate(own) if i and station.node)
+        along = self.oscillator._progression
         problem = self.remade(itinerary=tuple(station.event for station in own), nodes=nodes)
         if problem.responds:
             return problem._ascending(np.concatenate([phases, impulses]))
-        return problem, np.concatenate([phases, impulses, *(own[i].state for i in nodes)])
+        return problem, np.concatenate(
+            [phases, impulses, *(along.removed(own[i].state) for i in nodes)]
+        )
 
     def with_events(
         self, x: Array, p: Array, i: int, phase: float, more: list[Happening]

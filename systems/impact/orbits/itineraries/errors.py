@@ -32,7 +32,8 @@ def error_of(problem: Any, x: Array, p: Array) -> float:
     nodes = {*problem.nodes, *range(0, n, math.ceil(n * d / _MOST))}
     fine = problem.remade(nodes=tuple(sorted(nodes)))
     coarse = problem.at(x, p)
-    y = np.concatenate([phases, impulses, coarse.before[list(fine.nodes), :d].ravel()])
+    begun = coarse.progression.removed(coarse.before[list(fine.nodes), :d])
+    y = np.concatenate([phases, impulses, begun.ravel()])
     s, scale = fine.at(y, p), fine.scale(y)
     try:
         inverse = np.linalg.inv(fine.linearization(y, p) * scale)
@@ -42,21 +43,32 @@ def error_of(problem: Any, x: Array, p: Array) -> float:
     by = (_sections(s, fine, some) * scale) @ inverse
     missed, rounded = abs(fine.residual(y, p)), fine.rounding(y, p)
     errors = abs(by) @ missed + 2.0 * np.sqrt(by**2 @ rounded**2)
+    along = abs(s.progression.shift @ s.progression.part)
+    lost = 2.0 * np.linalg.norm(s.rounded[:, :d] @ along.T, axis=0).max()  # no equation has it
     sizes = abs(coarse.section_states).max(initial=0.0), abs(phases).max()
-    return float(errors.max() + 4.0 * _ROUNDING * max(sizes))
+    return float(errors.max() + lost + 4.0 * _ROUNDING * max(sizes))
 
 
 def _sections(s: ShootingSolution, fine: Any, some: Sequence[int]) -> Array:
-    """Rows (q, m): phases, and changes of states just after the events of the section."""
+    """Rows (q, m): phases, and changes of states just after the events of the section.
+
+    And of how far it comes in a period, where it progresses.
+    """
     n, d, unit = s.events, s.dimension, np.eye(fine.size)
     first = n + fine.layout.impacts
-    after = [changed for _, _, changed, _ in s.changes(1.0)]
+    after, gone = [], [np.zeros((d, fine.size))]
+    along = s.progression.shift @ s.progression.part
+    for i, _, changed, end in s.changes(1.0):
+        after.append(changed)
+        gone.append(gone[-1] + along @ end[:d] if i + 1 in s.course.nodes else gone[-1])
+    ended = [gone[-1] + along @ end[:d]] if s.progression.shift.size else []
     if not some:
-        return np.concatenate([unit[:n], *_passed(s, after)])
-    return np.concatenate([unit[:n], unit[n:first], *(after[i][:d] for i in some)])
+        return np.concatenate([unit[:n], *_passed(s, after, gone), *ended])
+    own = [after[i][:d] + gone[i] for i in some]
+    return np.concatenate([unit[:n], unit[n:first], *own, *ended])
 
 
-def _passed(s: ShootingSolution, after: list[Array]) -> list[Array]:
+def _passed(s: ShootingSolution, after: list[Array], gone: list[Array]) -> list[Array]:
     """Changes of the section's states amid flights."""
     begins, found = (s.event_phases - s.event_phases[0]) / s.clock, []
     for time in ((s.phases - s.event_phases[0]) / s.clock % s.period).tolist():
@@ -66,5 +78,5 @@ def _passed(s: ShootingSolution, after: list[Array]) -> list[Array]:
         change = passed @ after[i]
         if s.driven:
             change[:, i] -= flights.rates(z[None])[0] / s.clock
-        found.append(change[: s.dimension])
+        found.append(change[: s.dimension] + gone[i])
     return found

@@ -26,7 +26,7 @@ from dynkit.systems.impact.orbits.itineraries.simulated import run_for, simulate
 from dynkit.systems.impact.orbits.machine import Machine
 from dynkit.systems.impact.orbits.orbit import NONE, ImpactOrbit
 from dynkit.systems.impact.simulation.sampling import sample_run, sample_sliders
-from dynkit.systems.impact.simulation.state import TWO_PI, ImpactState
+from dynkit.systems.impact.simulation.state import TWO_PI, ImpactState, without_shift
 from dynkit.systems.impact.simulation.trajectory import Ending, Trajectory
 
 if TYPE_CHECKING:
@@ -70,7 +70,7 @@ def orbit_near(system: ImpactMap, state: ImpactState, periods: int) -> ImpactOrb
     NoConvergence
         When the motion is too far from an orbit, or the orbit is one of a family.
     """
-    began = time.perf_counter()
+    began, state = time.perf_counter(), without_shift(state)
     driven = system._excitation.turns
     if driven:
         length = periods * TWO_PI / system.frequency
@@ -80,7 +80,7 @@ def orbit_near(system: ImpactMap, state: ImpactState, periods: int) -> ImpactOrb
             seen = _of_contact(whole, length, TWO_PI / system.frequency)
     else:
         run = system._run(state, _CYCLE, store=True, most_switches=_CYCLE)
-        seen, length = of_cycle(events_seen(system, run), run)
+        seen, length = of_cycle(events_seen(system, run), run, system._progression.removed)
         periods = 1
     problem, guess = guess_of(system, state, seen, periods, length)
     x, history = _solved(problem, guess)
@@ -132,6 +132,10 @@ def guess_of(
     """
     if quiet := not len(seen.events):
         seen = _quiet(system, state, periods)
+    along = system._progression
+    if along.shift.size:  # all begins at zero
+        first = seen.states[0]
+        seen = seen._replace(states=seen.states - (first - along.removed(first)))
     if sizes is None:
         sizes = _sizes(system, state, seen, length)
     for k in system._automaton.sliders:
@@ -148,7 +152,7 @@ def guess_of(
     if nodes[:1] != (0,):
         raise NoConvergence(_HELD)
     problem = ItineraryEquations(system, (), periods, seen.events, sizes, driven, nodes)
-    states = [] if problem.responds else [seen.states[node] for node in nodes]
+    states = [] if problem.responds else [along.removed(seen.states[node]) for node in nodes]
     return problem, np.concatenate([phases, _impulses(system, seen, phases), *states])
 
 

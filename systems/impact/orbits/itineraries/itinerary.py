@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from bisect import bisect_right
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from functools import cache
 from typing import TYPE_CHECKING, Any, NamedTuple
 
@@ -33,6 +33,9 @@ _ZERO = 1e-6
 
 _SLOW = 1e-9
 """Velocity of a slow impact."""
+
+_STILL = 1e-9
+"""Of the largest coordinate: one that remains smaller is zero to rounding."""
 
 _SAME = 1e-2
 """States of a cycle, a period apart, differ by no more, relative: then it is one cycle."""
@@ -327,7 +330,7 @@ def from_release(seen: Seen, first: int, end: float, within: float) -> Seen | No
     return seen.part(first, last) if late and late[last] < within else None
 
 
-def of_cycle(seen: Seen, run: Trajectory) -> tuple[Seen, float]:
+def of_cycle(seen: Seen, run: Trajectory, placed: Callable[[Array], Array]) -> tuple[Seen, float]:
     """The events, until it comes again, of a run that nothing drives, and the period.
 
     Raises
@@ -336,10 +339,12 @@ def of_cycle(seen: Seen, run: Trajectory) -> tuple[Seen, float]:
         Where it does not.
     """
     count = len(seen.times)
-    size = abs(seen.states).max(axis=0, initial=0.0)
+    states = placed(seen.states)
+    size = abs(states).max(axis=0, initial=0.0)
+    size = np.maximum(size, _STILL * size.max(initial=0.0))
     for k in range(1, count // 2 + 1):
         if seen.events[-k:] == seen.events[-2 * k : -k]:
-            changes = abs(seen.states[-k:] - seen.states[-2 * k : -k])
+            changes = abs(states[-k:] - states[-2 * k : -k])
             if (changes <= _SAME * size).all():
                 length, low = seen.times[-1] - seen.times[-1 - k], count - k - 1
                 low = max((j for j in seen.releases if j <= low), default=low)

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
+from functools import cached_property
 from typing import Any, ClassVar, NamedTuple, final
 
 import numpy as np
 
 from dynkit.core.kept import kept
 from dynkit.core.validation import Array, read_only
+from dynkit.systems.impact.modes.progression import Progression
 from dynkit.systems.impact.orbits.flights import Curve
 from dynkit.systems.impact.orbits.itineraries.itinerary import Course
 from dynkit.systems.impact.simulation.state import SHEET, TWO_PI
@@ -80,6 +82,7 @@ class ItinerarySolution(ABC):
         self, oscillator: Any, measures: Array, course: Course, lap: Lap, clock: Any
     ) -> None:
         self.oscillator, self.measures = oscillator, measures
+        self.progression: Progression = oscillator._progression
         self.course, self.lap, self.clock = course, lap, clock
         self.itinerary, self.following = course.itinerary, course.following
         self.hits, self.impulse_of, self.sides = course.hits, course.impulse_of, course.sides
@@ -97,6 +100,11 @@ class ItinerarySolution(ABC):
     @abstractmethod
     def restitutions(self) -> Any:
         """Coefficients of restitution (k,) of the impacts."""
+
+    @property
+    def reached(self) -> Any:
+        """Whole states (n, D) just before the next events, of motions with unknown states."""
+        raise NotImplementedError
 
     @property
     @abstractmethod
@@ -176,10 +184,36 @@ class ItinerarySolution(ABC):
         return read_only(TWO_PI * (first + np.arange(turns)))
 
     @property
+    def progress(self) -> Array:
+        """Change (2N + J,) of the state in a period, of a machine that progresses."""
+        return np.asarray(self._elsewhere[-1])
+
+    @cached_property
+    def _elsewhere(self) -> Array:
+        """Shifts (n + 1, 2N + J) from the first node to each event, and to the end of the period.
+
+        States at nodes are without the shift of a machine that progresses.
+        """
+        along = self.progression
+        out = np.zeros((self.events + 1, len(along.shift)))
+        for node in (*self.course.nodes[1:], self.events) if along.shift.size else ():
+            ended = self.reached[node - 1, : len(along.shift)]
+            out[node:] += ended - along.removed(ended)
+        return out
+
+    @final
+    def _at(self, since: Array) -> Array:
+        """States (j, 2N + J) at any times (j,) from the first event on."""
+        states = self.passed(since % self.period)
+        if (progress := self.progress).any():
+            states = states + np.outer(since // self.period, progress)
+        return states
+
+    @property
     def section_states(self) -> Array:
         """Section coordinates (k, 2N) of the states."""
         if not len(self.hits):
-            return self.passed((self.phases - self.event_phases[0]) / self.clock % self.period)
+            return self._at((self.phases - self.event_phases[0]) / self.clock)
         n, system = self.oscillator.degrees_of_freedom, self.oscillator
         some, sides, speeds = self.hits, self.sides, self.relative_velocity
         if self.course.sticks:
@@ -200,7 +234,7 @@ class ItinerarySolution(ABC):
     def sample(self, since: Array) -> tuple[Array, Array]:
         """Positions and velocities (j, N) at times (j,) from the first state on, in one period."""
         late = float(self.phases[0] - self.event_phases[0]) / self.clock
-        z, n = self.passed((since + late) % self.period), self.oscillator.degrees_of_freedom
+        z, n = self._at(since + late), self.oscillator.degrees_of_freedom
         return z[:, :n], z[:, n : 2 * n]
 
     @property

@@ -273,7 +273,10 @@ class ShootingSolution(ItinerarySolution):
 
     @property
     def whole(self) -> Array:
-        return np.array([self._stilled(i, z[None])[0] for i, z in enumerate(self.after)])
+        found = np.array([self._stilled(i, z[None])[0] for i, z in enumerate(self.after)])
+        if self.progression.shift.size:
+            found[:, : self.dimension] += self._elsewhere[:-1]
+        return found
 
     @cached_property
     def rebounds(self) -> Any:
@@ -302,7 +305,10 @@ class ShootingSolution(ItinerarySolution):
                 found[i] = divided.value(self, i, pair)
         rates = (1.0 + self.restitutions) * self.closing + self.impulses
         ended = self.reached[[node - 1 for node in self.course.nodes], : self.dimension]
-        missing = np.roll(ended, -1, axis=0) - np.roll(self.lap.states, -1, axis=0)
+        begun = np.roll(self.lap.states, -1, axis=0)
+        missing = np.roll(ended, -1, axis=0) - begun
+        if (along := self.progression).shift.size:  # it ends elsewhere, and all begin at zero
+            missing = along.removed(missing) + begun - along.removed(begun)
         return np.concatenate([found, rates, missing.ravel()])
 
     def jacobian(self, multiplier: complex) -> Any:
@@ -324,6 +330,9 @@ class ShootingSolution(ItinerarySolution):
                 there = self._node_of.get(i + 1, 0)
                 out[node] = ended[:d]
                 out[node, self._own(there)] -= np.eye(d) * (1.0 if there else multiplier)
+                if (along := self.progression).shift.size:
+                    out[node] -= along.shift @ (along.part @ out[node])
+                    out[node, self._own(there)] += along.shift @ along.part
         for i, pair in enumerate(self.pairs):
             if pair is not None:
                 self._divide(out, i, pair, changes, multiplier)
@@ -434,7 +443,7 @@ class ShootingSolution(ItinerarySolution):
             if j == n - 1 or j + 1 in self._node_of:
                 node = max(number for at, number in self._node_of.items() if at <= j)
                 rows[:] = 0.0
-                rows[self._own(node)] = np.eye(d)
+                rows[self._own(node)] = self.progression.removed(np.eye(d))
             out += abs(rows) @ self.rounded[j, :d]
             rows = rows @ (self.transitions[j, :d, :d] @ self.resets[j, :d, :d])
             if self.itinerary[j].element >= 0 and self.pairs[j] is None:
@@ -510,6 +519,8 @@ class ShootingSolution(ItinerarySolution):
             here = np.flatnonzero((which == i) & (after < chatter.lasts))
             own = self.oscillator, chatter.run, after[here]
             out[here] = np.concatenate([*sample_run(*own), sample_sliders(*own)], axis=1)
+        if self.progression.shift.size:
+            out += self._elsewhere[which]
         return out
 
     def _stilled(self, i: int, states: Array) -> Array:

@@ -15,7 +15,13 @@ from dynkit.systems.impact.orbits.itineraries.itinerary import (
 )
 from dynkit.systems.impact.orbits.itineraries.motions import simulated_motions
 from dynkit.systems.impact.orbits.machine import Machine
-from dynkit.systems.impact.simulation.state import TWO_PI, ImpactState, Motion, state_at
+from dynkit.systems.impact.simulation.state import (
+    TWO_PI,
+    ImpactState,
+    Motion,
+    state_at,
+    without_shift,
+)
 
 if TYPE_CHECKING:
     from dynkit.systems.impact.impact_map import ImpactMap
@@ -69,7 +75,7 @@ def sticking_guess(system: ImpactMap, state: ImpactState, periods: int) -> Guess
 
 def released(system: ImpactMap, state: ImpactState, periods: int, most: int) -> Iterator[Guess]:
     """From the first releases of a motion that come again some periods later."""
-    turn, count = TWO_PI / system.frequency, 256
+    turn, count, state = TWO_PI / system.frequency, 256, without_shift(state)
     length = periods * turn
     while True:
         run = system._run(state, count, store=True)
