@@ -448,6 +448,7 @@ class ImpactRecord(Result):
             last = float(self.time[-1]) if len(self) else 0.0
         elif self.ending in (
             Ending.SEARCH_LIMIT,
+            Ending.REPEATS,
             Ending.JAMMED,
             Ending.COLLAPSED,
             Ending.HANGS,
