@@ -227,7 +227,9 @@ def test_phases_at_several_stops_are_below_a_turn() -> None:
     section = ImpactSection(attractor)
     assert np.unique(attractor.record.element).tolist() == [0, 1]
     assert section.phase == pytest.approx(attractor.record.phase, abs=1e-13)
-    with pytest.raises(ValueError, match="source must be an attractor to draw velocities, with one"):
+    with pytest.raises(
+        ValueError, match="source must be an attractor to draw velocities, with one"
+    ):
         section.plot_velocity()
 
 

@@ -84,7 +84,7 @@ def _clear(oscillator: DrivenStructure, shape: Array, angle: float) -> Array:
                 s.sign * (seen_along(c, x, x)[1] - s.swing(*turn) - s.offset) > 0.0
                 for s, c in _stands(oscillator)
             ):
-                return x
+                return np.asarray(x)
     raise Refused("position must be given: multiples of the first mode are beyond a stop")
 
 
