@@ -72,7 +72,7 @@ def test_a_map_that_returns_no_state_is_named(given: Any) -> None:
             return given
 
     with pytest.raises(ValueError, match=r"Wrong must return 2 real numbers, \(2,\); got"):
-        Wrong().iterate([0.1, 0.1], 3)
+        Wrong().iterate(np.array([0.1, 0.1]), 3)
     with pytest.raises(ValueError, match=r"Wrong must return 2 real numbers, \(2,\); got"):
         periodic_orbit(Wrong(), [0.1, 0.1])
 
@@ -86,8 +86,9 @@ def test_a_flow_whose_velocity_is_no_rate_of_its_state_is_named(given: Any) -> N
             del state
             return given
 
-    returns = PoincareMap(Wrong(), Hyperplane([1.0, 0.0]), time_limit=1.0)
-    starts = (partial(Wrong().advance, [1.0, 1.0], 1.0), partial(returns, [0.1]))
-    for run in (*starts, partial(equilibrium, Wrong(), [0.1, 0.1])):
+    flow, state = Wrong(), np.array([0.1, 0.1])
+    returns = PoincareMap(flow, Hyperplane(np.array([1.0, 0.0])), time_limit=1.0)
+    runs = partial(flow.advance, state, 1.0), partial(returns, state[:1])
+    for run in (*runs, partial(equilibrium, flow, state)):
         with pytest.raises(ValueError, match=r"Wrong.velocity must return 2 real numbers, \(2,\)"):
             run()

@@ -15,7 +15,7 @@ from dynkit.systems.impact.simulation.scrape_kernels import tail, taken
 from dynkit.systems.impact.simulation.scraping import Rub
 from dynkit.systems.impact.simulation.state import TWO_PI, ImpactState, Motion, state_of
 from dynkit.systems.impact.simulation.taylor_chatter import chatter, disturbed
-from dynkit.systems.impact.simulation.taylor_log import Log
+from dynkit.systems.impact.simulation.taylor_log import Log, repeats
 from dynkit.systems.impact.simulation.taylor_position import (
     ABOVE,
     BOUNCED,
@@ -42,10 +42,6 @@ largest velocity, or than so many times the cubic root of the tolerance."""
 
 _AT_ONCE, _SWITCHES = 1000, 1 << 16
 """Impacts in no time, for each element, and switches without an impact, after which a run ends."""
-
-_FEW_SWITCHES, _ROUNDING = 64, 64.0 * 2.0**-52
-"""A motion repeats itself if its state returns to this part of its size, after half as many further
-switches as there were until then, and there were so many at least."""
 
 _TOGETHER = 64.0 * 2.0**-52
 """Part of the time within which events are at once."""
@@ -216,23 +212,10 @@ class TaylorCourse(Position):
         if self.impacts != self._since:
             self._since, self._last_switches = self.impacts, len(self._switches)
         count = len(self._switches) - self._last_switches
-        if count >= _FEW_SWITCHES and self._repeats(count):
+        if repeats(self._switches, count, phased=self._oscillator._excitation.turns):
             self.ending = Ending.REPEATS
         elif count > _SWITCHES:
             self.ending = Ending.SEARCH_LIMIT
-
-    def _repeats(self, count: int) -> bool:
-        """Whether the last of so many switches without an impact repeats an earlier one."""
-        mark = 1 << (count.bit_length() - 1)  # Brent's search for a cycle
-        first, last = self._switches[mark - count - 1], self._switches[-1]
-        if 2 * count < 3 * mark or first[4] != last[4]:
-            return False
-        states = np.array([switch[5] for switch in self._switches[mark - count - 1 :]])
-        sizes, change = abs(states).max(axis=0), abs(last[5] - first[5])
-        sizes[:, :-1] = sizes[:, :-1].max(axis=1, keepdims=True)
-        if not self._oscillator._excitation.turns:
-            change[:, -1] = 0.0  # nothing depends on the phase
-        return bool((change <= _ROUNDING * sizes).all())
 
     # --- events -----------------------------------------------------------------------------------
 
