@@ -91,15 +91,20 @@ class Motion:
         return self.attractor.system
 
     @property
-    def has_table(self) -> bool:
-        """Whether a coordinate hits a moving table."""
+    def has_masses(self) -> bool:
+        """Whether it is a motion of masses, of which one may hit a stop."""
         names = ("contact", "degrees_of_freedom", "frequency", "amplitude", "offset")
         return all(hasattr(self.system, name) for name in names)
 
     @property
+    def table(self) -> Any:
+        """The hard stop at which the motion is examined, if it limits one coordinate, or None."""
+        return getattr(self.system, "_table", None)
+
+    @property
     def contact(self) -> int:
         """Index of the contact coordinate; 0 where there is none."""
-        return int(self.system.contact % self.system.degrees_of_freedom) if self.has_table else 0
+        return int(self.system.contact % self.system.degrees_of_freedom) if self.has_masses else 0
 
     @property
     def forcing_frequency(self) -> float:
@@ -126,7 +131,7 @@ class Motion:
 
     def name_of(self, coordinate: int) -> str:
         """Return the axis title of a coordinate of the time series."""
-        if not self.has_table:
+        if not self.has_masses:
             return f"coordinate {coordinate}"
         behind = coordinate - self.system.degrees_of_freedom
         return displacement(coordinate) if behind < 0 else f"velocity $v_{{{behind + 1}}}$"

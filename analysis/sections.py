@@ -67,7 +67,7 @@ class StroboscopicSection(Saved):
             self.states = read_only(motion.attractor.time_series(self.times))
             d = self.states.shape[1]
             self._names = tuple(map(motion.name_of, range(d)))
-            if motion.has_table:
+            if motion.has_masses:
                 self._default = motion.contact, motion.contact + d // 2
         else:
             if periods is not None:
@@ -170,10 +170,13 @@ class ImpactSection(Saved):
         self._table = None
         if motion is not None:
             system = motion.system
-            if not motion.has_table:
+            if not motion.has_masses or not system._stops:
                 raise ValueError(f"source must be a motion with impacts; got {system!r}")
             self.states = motion.attractor.states
-            self._table = motion.contact, float(system.amplitude * system.frequency)
+            if motion.table is not None and not system._several:
+                w, stop = system.frequency, motion.table
+                rates = float(stop.swing_rate(w, 1.0, 0.0)), float(stop.swing_rate(w, 0.0, 1.0))
+                self._table = stop.coordinate % system.degrees_of_freedom, *rates, stop.sign
         else:
             self.states = _given(source)
         if not len(self.states):
@@ -183,7 +186,7 @@ class ImpactSection(Saved):
     _stored: ClassVar = ("states", "cost", "error", "_table")
     states: Array
     cost: Cost
-    _table: tuple[int, float] | None
+    _table: tuple[int, float, float, float] | None
 
     def dataset(self) -> Dataset:
         """Return the impacts as a dataset over ``impact``."""
@@ -209,8 +212,8 @@ class ImpactSection(Saved):
 
     @property
     def phase(self) -> Array:
-        """Phases of the table at the impacts, (n,)."""
-        return self.states[:, -1]
+        """Phases of the forcing at the impacts, (n,), below 2 pi."""
+        return np.asarray(self.states[:, -1] % math.tau)  # with 4 pi times the number of the stop
 
     def __repr__(self) -> str:
         return f"<ImpactSection: {len(self.states)} impacts>"
@@ -225,7 +228,7 @@ class ImpactSection(Saved):
         """Draw the velocity of the contact coordinate after impacts against the phase.
 
         The dashed curve is the velocity of the table. Points lie above it by the relative velocity,
-        or below it at the other stop of a play.
+        or below it at a stop from above, as the other one of a play.
 
         Parameters
         ----------
@@ -239,17 +242,21 @@ class ImpactSection(Saved):
         Raises
         ------
         ValueError
-            When the source is an array, for which the motion of the table is not known.
+            When the source is an array, for which the motion of the table is not known, or a motion
+            that more than one stop limits, or a stop along more than one coordinate.
         """
         if self._table is None:
-            raise ValueError("source must be an attractor to draw velocities; got an array")
-        contact, speed = self._table
+            got = "an array" if self._motion is None else repr(self._motion.system)
+            raise ValueError(
+                f"source must be an attractor to draw velocities, with one stop; got {got}"
+            )
+        contact, by_sine, by_cosine, sign = self._table
         name = f"velocity $v_{{{contact + 1}}}$ after impact"
 
         def table(phase: Array) -> Array:
-            return np.asarray(speed * np.cos(phase))
+            return np.asarray(by_sine * np.sin(phase) + by_cosine * np.cos(phase))
 
-        velocity = table(self.phase) + self.relative_velocity
+        velocity = table(self.phase) + sign * self.relative_velocity
         axes = draw_points(ax, np.stack([self.phase, velocity], axis=1), (PHASE, name))
         turn = np.linspace(0.0, math.tau, 257)
         axes.plot(turn, table(turn), "--", color=ink(), linewidth=0.6, zorder=1)

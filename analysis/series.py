@@ -92,12 +92,12 @@ class TimeSeries(Saved):
 
     @cached_property
     def table(self) -> Array | None:
-        """Position of the table, (k,); None where there is none."""
-        if self._motion is None or not self._motion.has_table:
+        """Position of the table, or the first hard stop, (k,); None where it limits no mass."""
+        motion = self._motion
+        if motion is None or motion.table is None:
             return None
-        system, record = self._motion.system, self._motion.record_until(0.0)
-        angle = system.frequency * self.times + record.start.phase
-        return np.asarray(system.amplitude * np.sin(angle) + system.offset)
+        angle = motion.system.frequency * self.times + motion.record_until(0.0).start.phase
+        return np.asarray(motion.table.swing(np.sin(angle), np.cos(angle)) + motion.table.offset)
 
     @cached_property
     def impacts(self) -> Array:
@@ -106,7 +106,7 @@ class TimeSeries(Saved):
         record = None if self._motion is None else self._motion.record_until(latest)
         if record is None or not len(self.times):
             return np.empty(0)
-        at: Array = record.time
+        at: Array = record.time[record.element >= 0]  # states once a period are no impacts
         return np.asarray(at[(at >= self.times[0]) & (at <= self.times[-1])])
 
     @cached_property

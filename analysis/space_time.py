@@ -69,7 +69,7 @@ class SpaceTime(Saved):
         began = time.perf_counter()
         motion = self._motion = Motion.of(source)
         if motion is not None:
-            if not motion.has_table:
+            if not motion.has_masses:
                 raise ValueError(f"source must be a motion of masses; got {motion.system!r}")
             self.times, states = motion.sampled(times)
             self.displacements = read_only(states[:, : motion.system.degrees_of_freedom].copy())

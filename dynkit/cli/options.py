@@ -150,6 +150,9 @@ class Asked(dict[str, Any]):
         """
         by_name = {option.name: option for option in known}
         options = {} if file is None else _read(Path(file), [*by_name, "elements"])
+        forces = options.get("harmonic_forces")
+        if isinstance(forces, list):  # TOML has no complex numbers
+            options["harmonic_forces"] = [_number(x) if isinstance(x, str) else x for x in forces]
         elements = {"elements": _elements(options.pop("elements"))} if "elements" in options else {}
         direct = {
             name: option.parsed(given[name])

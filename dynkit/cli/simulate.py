@@ -64,9 +64,10 @@ def run(asked: Asked) -> None:
         facts = {**data.attributes, "transient": float(found.transient)}
         chosen = Dataset(data.coordinates, kept, facts)
         write(file, partial(plotted, found), chosen)
+    states = "periods" if chain._strobed else "impacts"
     shown = {
-        "label": f"{found.label} (from {found.label.simulated} impacts)",
-        "impacts": f"{len(record)} after {found.transient} that were skipped",
+        "label": f"{found.label} (from {found.label.simulated} {states})",
+        states: f"{len(record)} after {found.transient} that were skipped",
         "ending": record.ending.value,
         "contacts": f"{len(record.sticking)} intervals of sticking",
         "relative velocity": span(record.relative_velocity),

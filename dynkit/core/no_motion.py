@@ -40,7 +40,7 @@ class Diverged(NoMotion):
 
 
 class CannotFollow(NoMotion):
-    """The integrator fails, or exceeds its number of steps."""
+    """The integrator fails or exceeds its number of steps, or friction leaves a force open."""
 
 
 class Refused(NoMotion, ValueError):

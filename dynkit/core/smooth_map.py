@@ -16,6 +16,7 @@ from dynkit.core.validation import (
     finite_array,
     finite_scalar,
     non_negative_integer,
+    returned,
     within_memory,
 )
 
@@ -358,8 +359,13 @@ class SmoothMap(Family, ABC):
         """
         with np.errstate(over="ignore", invalid="ignore", divide="ignore"):
             for i in range(1, len(states)):
-                states[i] = self(states[i - 1])
+                states[i] = self._returned(states[i - 1])
                 refuse_infinite(states[i], i)
+
+    @final
+    def _returned(self, state: Array) -> Array:
+        """The next state, (d,), as numbers; ValueError where the call returns anything else."""
+        return returned(type(self).__name__, self(state), self.dimension)
 
     @final
     def image(self, state: Array) -> Array:
@@ -367,11 +373,13 @@ class SmoothMap(Family, ABC):
 
         Raises
         ------
+        ValueError
+            When the call does not return an array of that shape.
         Diverged
             When the call returns numbers that are not finite.
         """
         with np.errstate(over="ignore", invalid="ignore", divide="ignore"):
-            found = np.asarray(self(state), dtype=np.float64)
+            found = self._returned(state)
         refuse_infinite(found, 1)
         return found
 

@@ -311,6 +311,20 @@ def finite_array(name: str, value: object, shape: tuple[int | None, ...]) -> Arr
     return array
 
 
+def returned(name: str, value: object, size: int) -> Array:
+    """Return what a method of the user returned as floats, (size,); they need not be finite.
+
+    Raises
+    ------
+    ValueError
+        When it is not an array of so many real numbers.
+    """
+    found = np.asarray(value)
+    if found.shape != (size,) or found.dtype.kind not in "fiu":
+        raise ValueError(f"{name} must return {size} real numbers, ({size},); got {value!r}")
+    return np.asarray(found, dtype=np.float64)
+
+
 def ascending(name: str, value: object) -> Array:
     """Return the value as a new array (n,) of finite, strictly ascending floats.
 

@@ -19,6 +19,7 @@ from dynkit.core.validation import (
     non_negative_integer,
     one_of,
     positive,
+    returned,
 )
 
 if TYPE_CHECKING:
@@ -177,6 +178,10 @@ class Flow(Family, ABC):
         def velocity(self, state: Array) -> Array:
             """Return the rate of change, (d,), of a state, (d,)."""
 
+    def _velocity(self, state: Array) -> Array:
+        """The velocity, (d,); ValueError where it is anything else."""
+        return returned(f"{type(self).__name__}.velocity", self.velocity(state), self.dimension)
+
     def _checked(self, state: Array) -> Array:
         return finite_array("state", state, (self.dimension,))
 
@@ -187,7 +192,7 @@ class Flow(Family, ABC):
     def _velocity_differences(self, state: Array) -> tuple[Array, Array]:
         """Return the derivative, (d, d), of the velocity by differences, and its error."""
         here = self._checked(state)
-        return numerical_derivative(self.velocity, here)
+        return numerical_derivative(self._velocity, here)
 
     @property
     def _velocity_by_differences(self) -> bool:

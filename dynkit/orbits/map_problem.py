@@ -147,7 +147,7 @@ class MapProblem(PeriodicProblem, FamilyProblem):
 
     def residual(self, x: Array, p: Array) -> Array:
         system, states = self.at(p), self._rows(x)
-        gap = system.difference(_defined(system, states), following(states))
+        gap = system.difference(_defined(system._returned, states), following(states))
         return np.asarray((gap / self.units).ravel())
 
     def rounding(self, x: Array, p: Array) -> Array:

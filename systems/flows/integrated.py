@@ -146,7 +146,7 @@ class IntegratedFlow(Flow):
         CannotFollow
             When the motion diverges to infinity, or needs more than 10^8 steps of the integrator.
         """
-        return self._integrated(self.velocity, self._checked(state), duration, self.tolerance)
+        return self._integrated(self._velocity, self._checked(state), duration, self.tolerance)
 
     def advance_error(self, state: Array, duration: float) -> float:
         """Return an estimate of the error of `advance`, from two less accurate integrations.
@@ -167,7 +167,7 @@ class IntegratedFlow(Flow):
             return 0.0
         total = self.tolerance * float(np.linalg.norm(1.0 + abs(fine)))
         for times in (10.0, 100.0):
-            rough = self._integrated(self.velocity, start, duration, times * self.tolerance)
+            rough = self._integrated(self._velocity, start, duration, times * self.tolerance)
             total += float(np.linalg.norm(rough - fine))
         return total
 
@@ -196,12 +196,12 @@ class IntegratedFlow(Flow):
         def velocity(both: Array) -> Array:
             nonlocal wrong
             if self._by_differences:
-                jacobian, off = numerical_derivative(self.velocity, both[:d])
+                jacobian, off = numerical_derivative(self._velocity, both[:d])
                 wrong = max(wrong, float(np.linalg.norm(off)))
             else:
                 jacobian = self.velocity_jacobian(both[:d])
             change = jacobian @ both[d:].reshape(d, d)
-            return np.concatenate([self.velocity(both[:d]), change.ravel()])
+            return np.concatenate([self._velocity(both[:d]), change.ravel()])
 
         first = state
         while left > 0.0:
@@ -243,15 +243,15 @@ class IntegratedFlow(Flow):
         def velocity(both: Array) -> Array:
             change = self.velocity_jacobian(both[:d]) @ both[d:]
             change += self.velocity_parameter_derivative(both[:d], name)
-            return np.concatenate([self.velocity(both[:d]), change])
+            return np.concatenate([self._velocity(both[:d]), change])
 
         return self._integrated(velocity, start, duration, self.tolerance)[d:]
 
     def next_crossing(self, state: Array, section: PoincareSection, time_limit: float) -> Crossing:
         start, limit = checked_search(self, state, section, time_limit)
         how: dict[str, Any] = {"method": self.method, "jacobian": self.velocity_jacobian}
-        follow = partial(integrated_steps, self.velocity, self.tolerance, **how)
-        return Search(self.velocity, section, follow).first(start, limit)
+        follow = partial(integrated_steps, self._velocity, self.tolerance, **how)
+        return Search(self._velocity, section, follow).first(start, limit)
 
     def _integrated(
         self, velocity: Velocity, start: Array, duration: float, tolerance: float

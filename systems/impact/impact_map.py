@@ -161,7 +161,8 @@ class ImpactMap(DrivenStructure, Map):
             a distance of one from the stop, or half-way between two stops. Where the first mode has
             a node at the contact coordinate, only that coordinate is displaced. With several stops
             the default is the nearest position at which all gaps are one; where there is less room,
-            a half, a quarter and so on.
+            a half, a quarter and so on. With a stop along a function of the coordinates it is that
+            shape, or else plus or minus a half of it, twice it, a quarter, an eighth and so on.
         velocity : (N,) array_like
             Velocities; by default 0.
         phase : float

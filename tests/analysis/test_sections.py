@@ -11,7 +11,7 @@ import pytest
 from dynkit.analysis import ImpactSection, StroboscopicSection
 from dynkit.dynamics.map_attractor import MapAttractor
 from dynkit.plotting.figures import new_figure
-from dynkit.systems import Henon, ImpactChain
+from dynkit.systems import HardStop, Henon, ImpactChain, SoftStop
 from dynkit.systems.impact.oscillators.attractor import ImpactAttractor
 
 
@@ -201,6 +201,43 @@ def test_velocity_after_impact_is_drawn_against_phase() -> None:
     # the record knows the velocity of the mass, the section that relative to the table
     assert points[:, 1] == pytest.approx(attractor.record.velocity[:, 9], rel=1e-10)
     assert axes.get_ylabel() == "velocity $v_{10}$ after impact"
+
+
+@pytest.mark.parametrize(
+    "given",
+    [
+        {"side": "below"},
+        {"side": "below", "play": 0.6},
+        {"elements": [HardStop(1, side="below", amplitude=0.3, phase=0.4)]},
+    ],
+)
+def test_velocity_after_impact_is_that_of_the_mass_at_any_stop(given: dict[str, Any]) -> None:
+    system = ImpactChain(masses=2, frequency=0.9, harmonic_forces=[0.0, 1.5], **given)
+    attractor = system.attractor(transient=9, impacts=20)
+    _, (axes,) = new_figure()
+    ImpactSection(attractor).plot_velocity(axes)
+    points = np.asarray(axes.lines[0].get_xydata())
+    assert points[:, 1] == pytest.approx(attractor.record.velocity[:, 1], rel=1e-10)
+
+
+def test_phases_at_several_stops_are_below_a_turn() -> None:
+    stops = [HardStop(1, offset=-0.1), HardStop(1, side="below", offset=0.3)]
+    system = ImpactChain(masses=2, frequency=0.9, harmonic_forces=[0.0, 1.5], elements=stops)
+    attractor = system.attractor(transient=9, impacts=20)
+    section = ImpactSection(attractor)
+    assert np.unique(attractor.record.element).tolist() == [0, 1]
+    assert section.phase == pytest.approx(attractor.record.phase, abs=1e-13)
+    with pytest.raises(
+        ValueError, match="source must be an attractor to draw velocities, with one"
+    ):
+        section.plot_velocity()
+
+
+def test_a_motion_without_a_hard_stop_has_no_section_of_impacts() -> None:
+    soft = SoftStop(0, stiffness=9.0)
+    system = ImpactChain(masses=1, frequency=0.9, harmonic_forces=[1.0], elements=[soft])
+    with pytest.raises(ValueError, match="source must be a motion with impacts; got ImpactChain"):
+        ImpactSection(system.attractor(transient=9))
 
 
 def test_velocity_of_the_table_is_dashed() -> None:

@@ -11,7 +11,7 @@ import pytest
 from dynkit.analysis import TimeSeries
 from dynkit.dynamics.map_attractor import MapAttractor
 from dynkit.plotting.figures import new_figure
-from dynkit.systems import Henon, ImpactChain
+from dynkit.systems import Element, HardStop, Henon, ImpactChain, SoftStop
 from dynkit.systems.impact.oscillators.attractor import ImpactAttractor
 
 
@@ -53,6 +53,21 @@ def test_table_is_at_the_contact_mass_at_impacts() -> None:
     attractor = attractor_of(0.35, offset=0.02)
     series = TimeSeries(attractor, attractor.record.time)
     assert series.table == pytest.approx(series.values, rel=0.0, abs=1e-13)
+
+
+def test_a_stop_that_lags_is_where_the_mass_hits_it() -> None:
+    stops = [SoftStop(0, stiffness=1.0), HardStop(1, offset=0.1, amplitude=0.2, phase=0.5)]
+    attractor = ImpactChain(masses=2, frequency=0.9, elements=stops).attractor(transient=9)
+    series = TimeSeries(attractor, attractor.record.time)
+    assert series.table == pytest.approx(series.values, abs=1e-12)
+
+
+@pytest.mark.parametrize("stop", [SoftStop(1, stiffness=9.0), HardStop((0, 1), offset=-0.1)])
+def test_a_machine_without_a_stop_of_one_mass_has_no_table(stop: Element) -> None:
+    system = ImpactChain(masses=2, frequency=0.9, harmonic_forces=[0, 1], elements=[stop])
+    series = TimeSeries(system.attractor(transient=9))
+    assert series.table is None
+    assert bool(len(series.impacts)) is isinstance(stop, HardStop)  # periods are no impacts
 
 
 def test_impacts_are_those_within_the_times() -> None:

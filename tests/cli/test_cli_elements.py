@@ -2,10 +2,11 @@
 
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from dynkit.cli import main
-from dynkit.systems import DryFriction, HardStop, ImpactChain
+from dynkit.systems import DryFriction, HardStop, ImpactChain, SoftStop
 
 MACHINE = """
 masses = 2
@@ -46,6 +47,23 @@ def test_a_file_describes_elements(capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["simulate", "machine.toml"]) == 0
     label = CHAIN.attractor().label
     assert f"label              {label} " in capsys.readouterr().out
+
+
+def test_complex_forces_are_texts_of_a_file_and_states_are_a_table(file: Path) -> None:
+    soft = MACHINE.replace("HardStop", "SoftStop").replace("restitution = 0.7", "stiffness = 9")
+    file.write_text(soft.replace("[0.0, 0.5]", '[0.0, "0.5+0.2j"]'))
+    run = ["simulate", "machine.toml", "--impacts", "4", "--observable", "time,position"]
+    assert main([*run, "--out", "motion.csv"]) == 0
+    assert main([*run, "--out", "motion.npz"]) == 0
+    assert len(Path("motion.csv").read_text().splitlines()) == 1 + 4 * 2  # of two masses
+    elements = [
+        SoftStop(1, offset=-0.2, stiffness=9.0),
+        DryFriction((0, 1), force=0.05, name="joint"),
+    ]
+    machine = CHAIN.replace(elements=elements, harmonic_forces=[0.0, 0.5 + 0.2j])
+    kept = machine.attractor(impacts=4).record
+    with np.load("motion.npz") as found:
+        assert np.array_equal(found["position"], kept.position)
 
 
 def test_their_numbers_are_swept_and_mapped(capsys: pytest.CaptureFixture[str]) -> None:

@@ -1,10 +1,12 @@
 """The default start is a state of every oscillator."""
 
+from typing import Any
+
 import numpy as np
 import pytest
 
 from dynkit import basins, parameter_map, sweep
-from dynkit.systems import HardStop, ImpactChain, MatrixOscillator
+from dynkit.systems import HardStop, ImpactChain, ImpactOscillator, MatrixOscillator
 from tests.effort import is_thorough
 
 EYE = np.eye(2)
@@ -72,3 +74,25 @@ def test_a_start_lies_between_stops_however_near_they_are(clearance: float) -> N
     for elements in (stops, stops[::-1]):
         place = ImpactChain(masses=3, frequency=0.9, elements=elements).state().position[2]
         assert 0.0 < place < clearance
+
+
+class Tube(ImpactOscillator):
+    """A tube in the hole of a baffle, a tenth as wide as the shape of the first mode is long."""
+
+    degrees_of_freedom = 2
+
+    def kinetic(self, v: Any) -> Any:
+        return (v[0] ** 2 + v[1] ** 2) / 2
+
+    def potential(self, x: Any) -> Any:
+        return (x[0] ** 2 + 1.3 * x[1] ** 2) / 2
+
+    def away(self, x: Any) -> Any:
+        return x[0] ** 2 + x[1] ** 2
+
+
+def test_the_default_start_is_within_a_narrow_hole() -> None:
+    hole = HardStop("away", side="below", offset=0.01)
+    state = Tube(frequency=1.1, harmonic_forces=[0.3, 0.2j], elements=[hole]).state()
+    assert 0.0 < state.position @ state.position < 0.01
+    assert not state.velocity.any()

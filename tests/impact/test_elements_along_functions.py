@@ -16,7 +16,7 @@ import sympy as sp
 from flint import arb, arb_poly, ctx
 from scipy.integrate import solve_ivp
 
-from dynkit import OrbitKind, continue_orbit
+from dynkit import CannotFollow, OrbitKind, continue_orbit
 from dynkit.analysis import LyapunovSpectrum
 from dynkit.orbits.kinds import BifurcationKind
 from dynkit.systems import DryFriction, HardStop, ImpactChain, ImpactOscillator, Jenkins, SoftStop
@@ -328,11 +328,11 @@ def test_a_mass_rests_on_a_preloaded_pad_as_that_of_the_chain() -> None:
 
 def test_friction_along_a_row_that_a_gradient_meets_is_refused_by_name() -> None:
     slips = [DryFriction(0, force=0.1), DryFriction("last", force=0.1)]
-    with pytest.raises(NotImplementedError, match="along what other friction holds"):
+    with pytest.raises(CannotFollow, match="along what other friction, or a stop, holds"):
         Named(masses=1, frequency=1.0, elements=slips).simulate(impacts=1)
     rubs = [HardStop("radius", offset=0.5, restitution=0.0), DryFriction(0, force=0.1)]
     plane = Plane(frequency=1.0, elements=rubs)
-    with pytest.raises(NotImplementedError, match="along what other friction holds"):
+    with pytest.raises(CannotFollow, match="along what other friction, or a stop, holds"):
         plane.simulate(impacts=2, start=plane.state([1.0, 0.0], [0.0, 0.0]))
 
 

@@ -165,3 +165,12 @@ def test_orbits_with_impacts_are_not_of_these_machines() -> None:
     for name in ("restitution", "play", "side"):
         with pytest.raises(ValueError, match=f"{name} must not be given beside elements"):
             BILINEAR.replace(**{name: "below" if name == "side" else 0.5})
+
+
+def test_a_table_of_its_states_has_a_row_for_each_period() -> None:
+    machine = ImpactChain(masses=2, frequency=0.9, elements=[SoftStop(1, stiffness=9.0)])
+    record = machine.replace(harmonic_forces=[0.0, 1.0]).simulate(impacts=5)
+    table = record.to_pandas()
+    assert table.time.to_numpy() == pytest.approx(2.0 * pi / 0.9 * np.arange(1, 6), rel=1e-14)
+    assert np.array_equal(table["velocity[1]"], record.velocity[:, 1])
+    assert not table.isna().any(axis=None)

@@ -10,7 +10,9 @@ import numpy as np
 import pytest
 import sympy as sp
 
+from dynkit import CannotFollow
 from dynkit.systems import DryFriction, HardStop, ImpactOscillator
+from dynkit.systems.impact.simulation.trajectory import Ending
 from dynkit.testing.maps import jacobian_is_the_derivative
 from tests.impact.test_coulomb import dropped
 
@@ -81,5 +83,21 @@ def test_friction_that_the_masses_couple_with_a_curved_stop_leaves_the_impact_op
 def test_friction_along_the_gradient_of_its_stop_is_refused_by_name() -> None:
     blocked = sliding(0.3, row=1)
     start = blocked.state([0.0, 0.6], [1.0, 0.0])
-    with pytest.raises(NotImplementedError, match="must not act along what stops hold"):
+    with pytest.raises(CannotFollow, match="must not act along what stops hold"):
         blocked.simulate(impacts=200, start=start)
+
+
+def test_a_bead_that_sticks_and_slips_on_a_curved_table_for_ever_ends_soon() -> None:
+    class Bead(Sliding):
+        def height(self, x: Any) -> Any:
+            return x[1] - x[0] ** 2 / 10
+
+    belt = DryFriction(0, force=0.3, static=0.5, velocity=0.2, name="belt")
+    table = HardStop("height", restitution=0.4)
+    bead = Bead(frequency=1.0, constant_forces=[0.0, -1.0], elements=[table, belt])
+    record = bead.simulate(impacts=3, start=bead.state([0.0, 0.0], [0.2, 0.0]))
+    assert record.ending is Ending.REPEATS
+    # as it says: each cycle takes as long as the one before
+    times = record.events.time[-5:]
+    assert times[4] - times[2] == pytest.approx(times[2] - times[0], rel=1e-12)
+    assert len(record.events) < 200

@@ -5,6 +5,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from dynkit import CannotFollow, parameter_map
 from dynkit.systems import DryFriction, HardStop, ImpactChain, Jenkins, SoftStop
 from tests.impact.agreement import moves_as_in_many_digits
 
@@ -63,8 +64,20 @@ def test_an_impact_breaks_both() -> None:
 def test_what_stays_open_is_refused() -> None:
     # both masses stick, and with them what rubs between them: how they share forces is open
     machine = pair(*(DryFriction(row, force=5.0) for row in (0, 1, (0, 1))))
-    with pytest.raises(NotImplementedError, match="along what other friction holds"):
+    with pytest.raises(CannotFollow, match="along what other friction, or a stop, holds"):
         machine.simulate(impacts=1, start=machine.state([0.0, 0.0], [0.0, 0.0]))
+
+
+def test_a_plane_goes_on_past_values_at_which_friction_forces_stay_open() -> None:
+    # without the belt both masses stick, and what rubs between them is open
+    rubs = [DryFriction(row, force=0.2) for row in (0, 1, (0, 1))]
+    machine = ImpactChain(
+        masses=2, frequency=1.0, harmonic_forces=[3.0, 4.0], elements=rubs, damping=0.1
+    )
+    values = {"elements[0].velocity": [9.0, 0.0, 9.0], "damping": [0.1]}
+    run = {"transient": 2, "keep": 4, "progress": False}
+    found = parameter_map(machine, values, **run)  # type: ignore[arg-type]
+    assert (found.names == "no motion").ravel().tolist() == [False, True, False]
 
 
 @pytest.mark.parametrize("beside", [[], [Jenkins((0.5, -2.0), stiffness=0.5, force=0.1)]])
@@ -79,7 +92,7 @@ def test_what_would_stay_open_beside_a_closed_stop_is_refused(beside: list[Any])
         constant_forces=[-3.0, 0.0],
         elements=[stop, DryFriction((1, 0), force=0.2), DryFriction(1, force=0.1), *beside],
     )
-    with pytest.raises(NotImplementedError, match="along what other friction holds"):
+    with pytest.raises(CannotFollow, match="along what other friction, or a stop, holds"):
         machine.simulate(impacts=3, start=machine.state([0.0, 0.5], [0.0, 0.5]))
 
 

@@ -3,12 +3,14 @@
 import math
 import re
 from collections.abc import Callable
+from functools import partial
 from typing import Any
 
 import numpy as np
 import pytest
 
-from dynkit.systems import Henon, HighBounce, Logistic
+from dynkit import Hyperplane, Map, PoincareMap, equilibrium, periodic_orbit
+from dynkit.systems import Henon, HighBounce, IntegratedFlow, Logistic
 
 NAN, INF = math.nan, math.inf
 
@@ -54,3 +56,39 @@ def test_refusals_name_argument_limit_and_value(call: Callable[[], Any], message
 @pytest.mark.parametrize("number", [2, np.float64(2.0), np.int64(2)], ids=repr)
 def test_parameters_are_kept_as_floats(number: Any) -> None:
     assert type(Logistic(number).rate) is float
+
+
+RETURNED = [0.5, np.array([0.5]), np.array([[0.5], [0.5]]), np.array([0.5, 0.1j]), None]
+"""What is no state of two coordinates; NumPy would make such states of the first two."""
+
+
+@pytest.mark.parametrize("given", RETURNED)
+def test_a_map_that_returns_no_state_is_named(given: Any) -> None:
+    class Wrong(Map):
+        dimension = 2
+
+        def __call__(self, state: Any) -> Any:
+            del state
+            return given
+
+    with pytest.raises(ValueError, match=r"Wrong must return 2 real numbers, \(2,\); got"):
+        Wrong().iterate(np.array([0.1, 0.1]), 3)
+    with pytest.raises(ValueError, match=r"Wrong must return 2 real numbers, \(2,\); got"):
+        periodic_orbit(Wrong(), [0.1, 0.1])
+
+
+@pytest.mark.parametrize("given", RETURNED)
+def test_a_flow_whose_velocity_is_no_rate_of_its_state_is_named(given: Any) -> None:
+    class Wrong(IntegratedFlow):
+        dimension = 2
+
+        def velocity(self, state: Any) -> Any:
+            del state
+            return given
+
+    flow, state = Wrong(), np.array([0.1, 0.1])
+    returns = PoincareMap(flow, Hyperplane(np.array([1.0, 0.0])), time_limit=1.0)
+    runs = partial(flow.advance, state, 1.0), partial(returns, state[:1])
+    for run in (*runs, partial(equilibrium, flow, state)):
+        with pytest.raises(ValueError, match=r"Wrong.velocity must return 2 real numbers, \(2,\)"):
+            run()

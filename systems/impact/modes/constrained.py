@@ -7,7 +7,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from dynkit.core.no_motion import NoMotion
+from dynkit.core.no_motion import CannotFollow, NoMotion
 from dynkit.core.validation import Array
 from dynkit.systems.impact.elements.element import Element, Watch
 from dynkit.systems.impact.modes.mode import Mode
@@ -165,18 +165,18 @@ def pushes(rows: Array, slips: Sequence[tuple[int, Array, float]]) -> Array:
     return push
 
 
-def along_stops(friction: Element) -> NotImplementedError:
+def along_stops(friction: Element) -> CannotFollow:
     """The refusal of friction with a coefficient along what stops hold."""
-    return NotImplementedError(
+    return CannotFollow(
         f"friction with a coefficient must not act along what stops hold together; got {friction!r}"
     )
 
 
-def along_others(friction: Element) -> NotImplementedError:
+def along_others(friction: Element) -> CannotFollow:
     """The refusal of friction along what other friction, or a stop besides it, holds."""
-    return NotImplementedError(
-        "friction must not act along what other friction holds, which leaves its force open; "
-        f"got {friction!r}"
+    return CannotFollow(
+        "friction must not act along what other friction, or a stop, holds at that moment, which "
+        f"leaves its force open; got {friction!r}"
     )
 
 

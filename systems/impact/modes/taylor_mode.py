@@ -209,7 +209,7 @@ class TaylorMode:
         ------
         ContactParadox
             When friction leaves them open.
-        NotImplementedError
+        CannotFollow
             When friction acts along what others hold, of which one acts along a function.
         """
         if not (self.slips or self.scene.curves):

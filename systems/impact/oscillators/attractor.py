@@ -48,7 +48,12 @@ MOST_NUMBERS = 1 << 27
 # was decided at the end of the budget is within a hundredth of its orbit.
 _RETURN = 1e-2
 
-_GOES_ON = Ending.NO_FURTHER_CONTACT, Ending.CONTACT_FOR_EVER, Ending.SEARCH_LIMIT
+_GOES_ON = (
+    Ending.NO_FURTHER_CONTACT,
+    Ending.CONTACT_FOR_EVER,
+    Ending.REPEATS,
+    Ending.SEARCH_LIMIT,
+)
 """Endings of motions that go on without impacts."""
 
 

@@ -448,6 +448,7 @@ class ImpactRecord(Result):
             last = float(self.time[-1]) if len(self) else 0.0
         elif self.ending in (
             Ending.SEARCH_LIMIT,
+            Ending.REPEATS,
             Ending.JAMMED,
             Ending.COLLAPSED,
             Ending.HANGS,
@@ -557,6 +558,9 @@ class ImpactRecord(Result):
     def dataset(self) -> Dataset:
         """Return the impacts and contacts as a dataset, with times from the start.
 
+        Without a hard stop these are the states once a period, or once a cycle of what nothing
+        drives; they have no ``relative_velocity`` and no ``element``.
+
         Its dimensions are ``impact``, ``mass`` (the coordinates, from 1) and ``contact``, and with
         `Jenkins` elements ``slider``. It holds the `error`, which takes further simulations, only
         if that was computed before.
@@ -570,11 +574,15 @@ class ImpactRecord(Result):
         """
         n, each = self.system.degrees_of_freedom, "impact"
         begins, ends = self.sticking.T
+        title, hit = "States of a motion, once a period", dict[str, Any]()
+        if not self.system._strobed:
+            title = "Impacts of a motion"
+            hit["relative_velocity"] = each, self.relative_velocity
+            hit["element"] = each, self.element
         return Dataset(
             {"time": (each, self.time), "mass": ("mass", np.arange(1, n + 1))},
             {
-                "relative_velocity": (each, self.relative_velocity),
-                "element": (each, self.element),
+                **hit,
                 "phase": (each, self.phase),
                 "energy": (each, self.energy),
                 "position": ((each, "mass"), self.position),
@@ -585,7 +593,7 @@ class ImpactRecord(Result):
                 **known_error(self, each),
             },
             described(
-                "Impacts of a motion",
+                title,
                 cost=self.cost,
                 error="estimate of the largest error of the section coordinates up to each impact",
                 system=self.system,

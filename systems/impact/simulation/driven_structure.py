@@ -301,6 +301,12 @@ class DrivenStructure(LagrangianStructure):
         return self._soft if plain and not self._several else self._elements
 
     @property
+    def _table(self) -> HardStop | None:
+        """The hard stop at which motions are examined, where it limits one coordinate."""
+        first = self._stops[:1]
+        return first[0] if first and isinstance(first[0].coordinate, int) else None
+
+    @property
     def _table_alone(self) -> bool:
         """Whether orbits have closed forms in phases: quadratic energies, and a table alone."""
         return self._motion is None and not self._own

@@ -239,7 +239,7 @@ class Parts:
 
         Raises
         ------
-        NotImplementedError
+        CannotFollow
             When friction slips or sticks along what other friction holds.
         """
         held, sticking = self.grips(regimes)

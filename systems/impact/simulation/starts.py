@@ -76,16 +76,16 @@ def default_position(oscillator: DrivenStructure, angle: float) -> Array:
 
 
 def _clear(oscillator: DrivenStructure, shape: Array, angle: float) -> Array:
-    """The shape, or minus or a multiple of it, that is clear of stops along functions."""
+    """The shape, or a multiple of it, that is clear of stops along functions."""
     turn = math.sin(angle), math.cos(angle)
-    for factor in (1.0, -1.0, 0.5, -0.5, 2.0, -2.0):
-        x = factor * shape
-        if all(
-            s.sign * (seen_along(c, x, x)[1] - s.swing(*turn) - s.offset) > 0.0
-            for s, c in _stands(oscillator)
-        ):
-            return x
-    raise Refused("position must be given: multiples of the first mode are beyond the stop")
+    for factor in (1.0, 0.5, 2.0, *(0.5 ** np.arange(2.0, _HALVINGS))):
+        for x in (factor * shape, -factor * shape):
+            if all(
+                s.sign * (seen_along(c, x, x)[1] - s.swing(*turn) - s.offset) > 0.0
+                for s, c in _stands(oscillator)
+            ):
+                return np.asarray(x)
+    raise Refused("position must be given: multiples of the first mode are beyond a stop")
 
 
 def _between(oscillator: DrivenStructure, x: Array, turn: tuple[float, float]) -> Array:

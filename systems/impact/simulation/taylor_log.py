@@ -1,7 +1,8 @@
-"""The log of impacts of a run by Taylor's method."""
+"""The logs of impacts and switches of a run by Taylor's method."""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any, final
 
 import numpy as np
@@ -49,3 +50,28 @@ class Log:
             states[now] = self._mode.state(*chart.motion(self._z[now], *turn[now].T), *turn[now].T)
         guard = np.array(columns[4], dtype=np.intp)
         return Impacts(time, speed, guard, states, np.empty((0, 2)))
+
+
+_FEW, _ROUNDING = 64, 64.0 * 2.0**-52
+"""A motion repeats itself if its state returns to this part of its size, after half as many further
+switches as there were until then, and there were so many at least."""
+
+
+def repeats(switches: Sequence[tuple[Any, ...]], count: int, *, phased: bool) -> bool:
+    """Whether the last of `count` switches without an impact repeats an earlier one.
+
+    Of each switch item 4 is its guard, and item 5 the state (2, slots), with sine and cosine of the
+    phase in the last slot; `phased` says whether the motion depends on it.
+    """
+    if count < _FEW:
+        return False
+    mark = 1 << (count.bit_length() - 1)  # Brent's search for a cycle
+    first, last = switches[mark - count - 1], switches[-1]
+    if 2 * count < 3 * mark or first[4] != last[4]:
+        return False
+    sizes = abs(np.array([switch[5] for switch in switches[mark - count - 1 :]])).max(axis=0)
+    sizes[:, :-1] = sizes[:, :-1].max(axis=1, keepdims=True)
+    change = abs(last[5] - first[5])
+    if not phased:
+        change[:, -1] = 0.0
+    return bool((change <= _ROUNDING * sizes).all())

@@ -15,7 +15,7 @@ from dynkit.systems.impact.simulation.scrape_kernels import tail, taken
 from dynkit.systems.impact.simulation.scraping import Rub
 from dynkit.systems.impact.simulation.state import TWO_PI, ImpactState, Motion, state_of
 from dynkit.systems.impact.simulation.taylor_chatter import chatter, disturbed
-from dynkit.systems.impact.simulation.taylor_log import Log
+from dynkit.systems.impact.simulation.taylor_log import Log, repeats
 from dynkit.systems.impact.simulation.taylor_position import (
     ABOVE,
     BOUNCED,
@@ -211,7 +211,10 @@ class TaylorCourse(Position):
         self._switches.append((self._time, rest, speed, self.impacts, number, self._state()))
         if self.impacts != self._since:
             self._since, self._last_switches = self.impacts, len(self._switches)
-        if len(self._switches) - self._last_switches > _SWITCHES:
+        count = len(self._switches) - self._last_switches
+        if repeats(self._switches, count, phased=self._oscillator._excitation.turns):
+            self.ending = Ending.REPEATS
+        elif count > _SWITCHES:
             self.ending = Ending.SEARCH_LIMIT
 
     # --- events -----------------------------------------------------------------------------------

@@ -29,6 +29,7 @@ class Ending(Enum):
     NO_FURTHER_CONTACT = "no mass can reach a stop any more"
     CONTACT_FOR_EVER = "the mass stays on the stop for ever"
     SEARCH_LIMIT = "no further impact was found within the search limit"
+    REPEATS = "the motion repeats itself without an impact"
     DIED_OUT = "the motion has died out on the stop, its impacts too small for doubles"
     JAMMED = "the machine is jammed: a stop is in the way of what others hold"
     COLLAPSED = "stops are hit in turn without end, and in no time"
