@@ -345,12 +345,15 @@ class _ImpactOrbit:
         if impacts is None:
             return label
         if self.system._mapped:
-            states = self.record.states[impacts[0] : impacts[2]]
+            here, count = self.record.states[impacts[0]], impacts[2] - impacts[0]
+            found: list[Array] = []
             try:
-                factors = [self.system.jacobian(state) for state in states]
+                while len(found) < count:
+                    here, factors, _ = self.system._followed(here, count - len(found))
+                    found += [factor for (factor,), _ in factors]
             except (NoDerivative, TangentCrossing):
                 return label
-            before, last = np.split(np.array(factors), [impacts[1] - impacts[0]])
+            before, last = np.split(np.array(found), [impacts[1] - impacts[0]])
         else:
             before, last = returned(self.system, self.record._run, impacts)[:, None]
         return with_multiplier(label, last, before, self.system.accuracy)
