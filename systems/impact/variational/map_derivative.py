@@ -18,7 +18,7 @@ from dynkit.systems.impact.simulation.parameters import changes_alone
 from dynkit.systems.impact.simulation.runs import trajectory_of
 from dynkit.systems.impact.simulation.state import ImpactState
 from dynkit.systems.impact.simulation.trajectory import grouped
-from dynkit.systems.impact.variational.saltation import reset
+from dynkit.systems.impact.variational.saltation import comes_by_itself, reset
 from dynkit.systems.impact.variational.taylor_derivative import followed, hit, rubbed, rubs_on
 
 _ORDERS = 16
@@ -120,16 +120,13 @@ class _Way:
         time = np.zeros(derivative.shape[1])
         for k in range(first, last + 1):
             guard = self.guards[s.guard[k + 1]]
-            mode, y = self.modes[guard.mode], self.ends[k]
-            if y is None:  # what happened just now brought it about
-                y = s.of(mode, k)
-            else:
-                y, rate, derivative, later = self._flown(point, k, derivative)
-                if k == last and not self.hit:
-                    later = -time  # a period ends when it does
-                # Time also moves the phase: it is part of the rate, through sine and cosine.
-                derivative = derivative + np.outer(rate, later)
-                time += later
+            mode = self.modes[guard.mode]
+            y, rate, derivative, later = self._flown(point, k, derivative)
+            if k == last and not self.hit:
+                later = -time  # a period ends when it does
+            # Time also moves the phase: it is part of the rate, through sine and cosine.
+            derivative = derivative + np.outer(rate, later)
+            time += later
             if k < last:
                 if guard.watch.event == HALT and s.begin[k + 1] == s.begin[first]:
                     derivative = _held_fast(oscillator, guard, derivative)
@@ -174,13 +171,19 @@ class _Way:
 
     def _flown(self, point: int, k: int, derivative: Array) -> tuple[Array, Array, Array, Array]:
         """State, rate and derivative (2 slots, d) after a flight, and by how much later it ends."""
-        reached, rate = self.guards[self.reached[k]], self.rates[k]
-        if not self._flies_low(point, k, reached):
-            flown = self.flows[k] @ derivative
-            later = _later(_row(reached.sum, 0) @ flown, float(_row(reached.sum, 0) @ rate))
-            return self.ends[k], rate, flown, later
-        mode, s = self.modes[reached.mode], self.run.segments
+        s, reached = self.run.segments, self.guards[self.reached[k]]
+        mode, row = self.modes[reached.mode], _row(reached.sum, 0)
         begin = s.of(mode, k)
+        if self.ends[k] is None:
+            rate = mode.rate(begin).ravel()
+            speed, value = float(row @ rate), float(row @ begin.ravel()) + reached.sum.offset
+            later = 0.0 * (row @ derivative)
+            if comes_by_itself(s, k, reached, value, speed, self.oscillator.frequency):
+                later = -(row @ derivative) / speed
+            return begin, rate, derivative, later
+        if not self._flies_low(point, k, reached):
+            flown, rate = self.flows[k] @ derivative, self.rates[k]
+            return self.ends[k], rate, flown, _later(row @ flown, float(row @ rate))
         risen, moved = _low_flight(mode, begin, derivative, float(self.lasts[k]))
         y = begin + risen
         speed = float(self.run.speeds[point] + _row(reached.sum, 2) @ risen.ravel())
