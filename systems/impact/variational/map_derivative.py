@@ -122,8 +122,8 @@ class _Way:
             guard = self.guards[s.guard[k + 1]]
             mode = self.modes[guard.mode]
             y, rate, derivative, later = self._flown(point, k, derivative)
-            if k == last and not self.hit:
-                later = -time  # a period ends when it does
+            if k == last and not self.hit and not oscillator._cycled:
+                later = -time  # a period of the forcing ends when it does
             # Time also moves the phase: it is part of the rate, through sine and cosine.
             derivative = derivative + np.outer(rate, later)
             time += later
