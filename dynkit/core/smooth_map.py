@@ -303,18 +303,28 @@ class SmoothMap(Family, ABC):
         frame = self._frame(here) if frame is None else frame
         logs, errors = np.empty((2, count, frame.shape[1]))
         times = np.empty(count)
-        for i in range(count):
-            here, factors, times[i] = self._followed(here)
-            frame, logs[i], errors[i] = stretched(*factors, frame)
+        done = 0
+        while done < count:
+            here, found, lasts = self._followed(here, count - done)
+            for factors, times[done] in zip(found, lasts, strict=True):
+                frame, logs[done], errors[done] = stretched(*factors, frame)
+                done += 1
         return Stretching(logs, errors, None if np.isnan(times).any() else times, here, frame)
 
     def _frame(self, state: Array) -> Array:  # noqa: ARG002
         """The first frame of directions, (d, k): those without an exponent are left out."""
         return np.eye(self.dimension)
 
-    def _followed(self, state: Array) -> tuple[Array, tuple[Array, Array], float]:
-        """The next state, the factors of the jacobian, and the time; NaN for none."""
-        return self.image(state), self.jacobian_factors(state), np.nan
+    def _followed(
+        self,
+        state: Array,
+        most: int,  # noqa: ARG002
+    ) -> tuple[Array, list[tuple[Array, Array]], Sequence[float]]:
+        """The state after some iterates, at most `most`; `jacobian_factors` and time of each.
+
+        A time is NaN for a map without times.
+        """
+        return self.image(state), [self.jacobian_factors(state)], [np.nan]
 
     @final
     def iterate(self, state: Array, n: int) -> Array:

@@ -298,9 +298,13 @@ class ResetMap(Map):
     def _by_differences(self) -> bool:
         return self.flow._by_differences
 
-    def _followed(self, state: Array) -> tuple[Array, tuple[Array, Array], float]:
+    def _followed(
+        self,
+        state: Array,
+        most: int,  # noqa: ARG002 (returns are followed one by one)
+    ) -> tuple[Array, list[tuple[Array, Array]], Sequence[float]]:
         hit = self.crossing(state)
-        return self._landed(hit), self._factors(state, hit), hit.time
+        return self._landed(hit), [self._factors(state, hit)], [hit.time]
 
     def _frame(self, state: Array) -> Array:
         velocity = self.flow.velocity(state)

@@ -1,7 +1,7 @@
 """Poincare maps: a flow and a section."""
 
 import dataclasses
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any, Self, final
@@ -276,9 +276,13 @@ class PoincareMap(Map):
         arrived = self._on_section(hit, np.eye(self.flow.dimension))
         return framed(parts, begin, across, arrived if last is None else last @ arrived)
 
-    def _followed(self, state: Array) -> tuple[Array, tuple[Array, Array], float]:
+    def _followed(
+        self,
+        state: Array,
+        most: int,  # noqa: ARG002 (returns are followed one by one)
+    ) -> tuple[Array, list[tuple[Array, Array]], Sequence[float]]:
         hit = self.crossing(state)
-        return self.section.reduce(hit.state), self._factors(state, hit), hit.time
+        return self.section.reduce(hit.state), [self._factors(state, hit)], [hit.time]
 
     def _across(self, state: Array) -> Array:
         """Return orthonormal directions, (d, d - 1), across the flow at a state."""

@@ -5,7 +5,7 @@ from __future__ import annotations
 import dataclasses
 import math
 from abc import abstractmethod
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cache, cached_property
 from typing import TYPE_CHECKING, Any, Self
@@ -38,15 +38,15 @@ from dynkit.systems.impact.simulation.state import (
     unpacked,
 )
 from dynkit.systems.impact.simulation.trajectory import Trajectory
-from dynkit.systems.impact.variational.map_derivative import (
-    impact_derivative,
-    tangent,
-)
+from dynkit.systems.impact.variational.map_derivative import derivatives, tangent
 
 if TYPE_CHECKING:
     from dynkit.dynamics.attractor import Attractor
 
 TWO_PI = 2.0 * math.pi
+
+_IMPACTS, _NUMBERS = 256, 1_000_000
+"""Number of impacts, and of numbers in their derivatives, that are followed together."""
 
 
 @cache
@@ -316,7 +316,8 @@ class ImpactMap(DrivenStructure, Map):
         return np.maximum(least, 0.25 * np.array(ends))
 
     def jacobian(self, state: Array) -> Array:
-        return impact_derivative(self, self.impact_state(state))
+        (found,) = derivatives(self, self._run(self.impact_state(state), 1, store=True))
+        return np.asarray(found)
 
     def _frame(self, state: Array) -> Array:
         return tangent(self, self.impact_state(state)) if self._framed else super()._frame(state)
@@ -331,6 +332,19 @@ class ImpactMap(DrivenStructure, Map):
         if not self._framed:
             return factors, errors
         return self._frame(following).T @ factors @ self._frame(state), errors
+
+    def _followed(
+        self, state: Array, most: int
+    ) -> tuple[Array, list[tuple[Array, Array]], Sequence[float]]:
+        alone = self._motion is not None
+        wanted = 1 if alone else max(1, min(most, _IMPACTS, _NUMBERS // self.dimension**2))
+        run = self._run(self.impact_state(state), wanted, store=True)
+        if run.impacts < wanted:
+            raise NoCrossing(f"there is no next impact: {run.ending.value}")
+        factors = derivatives(self, run)
+        off = self.accuracy * np.linalg.norm(factors, axis=(1, 2))
+        found = list(zip(factors[:, None], off[:, None], strict=True))
+        return self.section_state(run.final), found, np.diff(run.time, prepend=0.0).tolist()
 
     def stretching(
         self, state: Array | ImpactState, n: int, frame: Array | None = None

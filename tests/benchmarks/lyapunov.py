@@ -6,7 +6,7 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from dynkit.systems import BouncingBall, ImpactChain
+from dynkit.systems import BouncingBall, DryFriction, HardStop, ImpactChain, SoftStop
 from dynkit.systems.impact.oscillators.oscillator import ImpactOscillator
 from tests.benchmarks.report import Line, in_turns
 
@@ -24,6 +24,18 @@ CASES: tuple[tuple[str, ImpactOscillator], ...] = (
     ("10 masses, overdamped", ImpactChain(frequency=0.87, damping=5.0)),
     ("30 masses", ImpactChain(masses=30, frequency=0.87)),
     ("100 masses", ImpactChain(masses=100, frequency=0.87)),
+    (
+        "10 masses, two stops, soft stop and belt",
+        ImpactChain(
+            frequency=0.87,
+            elements=[
+                HardStop(9, amplitude=0.1, restitution=0.85),
+                HardStop(4, offset=-0.15, restitution=0.7),
+                SoftStop(2, offset=-0.1, stiffness=50.0, damping=0.2),
+                DryFriction(0, force=0.002, velocity=0.05),
+            ],
+        ),
+    ),
 )
 
 

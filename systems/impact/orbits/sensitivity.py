@@ -18,6 +18,7 @@ from dynkit.systems.impact.orbits.itineraries.flying import number_of
 from dynkit.systems.impact.orbits.itineraries.itinerary import regimes_of
 from dynkit.systems.impact.orbits.machine import Changes, Machine, Regimes
 from dynkit.systems.impact.simulation.runs import trajectory_of
+from dynkit.systems.impact.variational.saltation import comes_by_itself
 
 if TYPE_CHECKING:
     from dynkit.systems.impact.impact_map import ImpactMap
@@ -75,19 +76,21 @@ def map_derivative_by(oscillator: ImpactMap, state: ImpactState, change: Array) 
     times = np.append(run.switches.time, run.time).tolist()
     for k, number in enumerate(np.append(run.switches.guard, run.log.guard).tolist()):
         mode, guard = _regimes(system, run, number, 0), system._automaton.guards[number]
-        if times[k] > began:
-            flow = m.flow(mode)
-            (flown,) = moved(flow[None], np.array([times[k] - began]), np.ones(len(z)))
+        flow, lasts = m.flow(mode), times[k] - began
+        if lasts > 0.0:
+            (flown,) = moved(flow[None], np.array([lasts]), np.ones(len(z)))
             z, began = flown @ z, times[k]
-            if k == last and not hit:  # a period ends when it does
-                later = -late - began * m.frequency.imag / STEP / m.frequency.real
-            else:
-                row = _row(m, system, mode, guard)
-                if hit and guard.watch.force and began == times[-1]:  # by the impact that follows
-                    row = m.gap(run.final.element)
-                rate = float(row.real @ flow.real @ z.real)
-                later = -float((row @ z).imag) / STEP / rate
-            z, late = z + 1j * STEP * later * (flow.real @ z.real), late + later
+        if k == last and not hit:  # a period ends when it does
+            later = -late - began * m.frequency.imag / STEP / m.frequency.real
+        else:
+            row = _row(m, system, mode, guard)
+            if lasts > 0.0 and hit and guard.watch.force and began == times[-1]:
+                row = m.gap(run.final.element)  # by the impact that follows
+            rate, value = float(row.real @ flow.real @ z.real), row @ z
+            at = run.segments, k, guard, value.real, rate, m.frequency.real
+            comes = lasts > 0.0 or comes_by_itself(*at)
+            later = -float(value.imag) / STEP / rate if comes else 0.0
+        z, late = z + 1j * STEP * later * (flow.real @ z.real), late + later
         if k < last:
             z = m.caught(mode, _regimes(system, run, number, 2)) @ z
     return _section(m, system, run, mode, z)

@@ -351,17 +351,21 @@ class _ImpactOrbit:
         impacts = self._a_period_apart(label)
         if impacts is None:
             return label
-        if self.system._mapped or self.system._progression.shift.size:
-            states = self.record.states[impacts[0] : impacts[2]]
+        moves = self.system._progression.shift.size > 0
+        if self.system._mapped or moves:
+            states, found = self.record.states[impacts[0] : impacts[2]], list[Array]()
+            here = states[0]
             try:
-                factors = [self.system.jacobian(state) for state in states]
-                if self.system._progression.shift.size:
-                    begin = [self.system._progression_at(state).across for state in states]
-                    end = [*begin[1:], begin[0]]
-                    factors = [b.T @ f @ a for a, f, b in zip(begin, factors, end, strict=True)]
+                while len(found) < len(states):
+                    here, factors, _ = self.system._followed(here, len(states) - len(found))
+                    found += [factor for (factor,), _ in factors]
             except (NoDerivative, TangentCrossing):
                 return label
-            before, last = np.split(np.array(factors), [impacts[1] - impacts[0]])
+            if moves:
+                begin = [self.system._progression_at(state).across for state in states]
+                end = [*begin[1:], begin[0]]
+                found = [b.T @ f @ a for a, f, b in zip(begin, found, end, strict=True)]
+            before, last = np.split(np.array(found), [impacts[1] - impacts[0]])
         else:
             before, last = returned(self.system, self.record._run, impacts)[:, None]
         return with_multiplier(label, last, before, self.system.accuracy)

@@ -307,27 +307,28 @@ class Trajectory:
     @cached_property
     def segments(self) -> Segments:
         """The segments of the motion, each in one mode."""
-        s, place = self.switches, self.switches.before + 1
-        point = np.arange(len(self.log.time) + 1)
-        guards = np.insert(np.append(self.start.element, self.log.guard), place, s.guard)
-        impact = EventKind.IMPACT
-        kind = np.insert(np.full(len(point), impact), place, self.guards[s.guard, 3])
+        s, point = self.switches, np.arange(len(self.log.time) + 1)
+        none, impacts = np.zeros(len(point)), np.full(len(point), EventKind.IMPACT)
         states = np.concatenate([self._begin[None], self.log.states])
-        if len(place):
-            wider = s.states.shape[2] - states.shape[2]
-            states = np.pad(states, ((0, 0), (0, 0), (0, wider)))
-            states = np.insert(states, place, s.states, axis=0)
-        return Segments(
-            np.insert(self.times, place, s.time),
-            np.insert(point, place, s.before),
-            np.where(kind == impact, self.guards[guards, 0], self.guards[guards, 2]),
-            np.asarray(self.guards[guards, 1]),
-            np.insert(np.zeros(len(point)), place, s.rest),
-            np.insert(np.zeros(len(point)), place, s.speed),
-            kind,
-            states,
-            guards,
+        given = (
+            (self.times, s.time),
+            (point, s.before),
+            (np.append(self.start.element, self.log.guard), s.guard),
+            (none, s.rest),
+            (none, s.speed),
+            (impacts, self.guards[s.guard, 3]),
         )
+        if len(s.time):
+            order = np.argsort(np.concatenate([point, s.before + 0.5]), kind="stable")
+            wider = s.states.shape[2] - states.shape[2]
+            both = np.pad(states, ((0, 0), (0, 0), (0, wider))), s.states
+            ordered = [np.concatenate(pair)[order] for pair in (*given, both)]
+        else:
+            ordered = [*(own for own, _ in given), states]
+        begin, point, guards, rest, speed, kind, states = ordered
+        after = np.where(kind == EventKind.IMPACT, 0, 2)
+        mode, element = self.guards[guards, after], self.guards[guards, 1]
+        return Segments(begin, point, mode, element, rest, speed, kind, states, guards)
 
     def closed(self, guard: int) -> list[int]:
         """Numbers of the stops that are in contact in the mode of a guard."""

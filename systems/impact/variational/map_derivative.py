@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from dataclasses import replace
+from typing import TYPE_CHECKING, Any, final
 
 import numpy as np
 
@@ -12,11 +13,12 @@ from dynkit.systems.impact.elements.element import HALT, IMPACT
 from dynkit.systems.impact.elements.friction import FORWARD, STICKS
 from dynkit.systems.impact.elements.laws import ImpactLaw
 from dynkit.systems.impact.elements.stops import HardStop
-from dynkit.systems.impact.modes.mode import Mode, transformed
+from dynkit.systems.impact.modes.mode import Mode
 from dynkit.systems.impact.simulation.parameters import changes_alone
 from dynkit.systems.impact.simulation.runs import trajectory_of
 from dynkit.systems.impact.simulation.state import ImpactState
-from dynkit.systems.impact.variational.saltation import reset
+from dynkit.systems.impact.simulation.trajectory import grouped
+from dynkit.systems.impact.variational.saltation import comes_by_itself, reset
 from dynkit.systems.impact.variational.taylor_derivative import followed, hit, rubbed, rubs_on
 
 _ORDERS = 16
@@ -27,78 +29,184 @@ if TYPE_CHECKING:
     from dynkit.systems.impact.simulation.trajectory import Trajectory
 
 
-def impact_derivative(oscillator: DrivenStructure, state: ImpactState) -> Array:
-    """Derivative (d, d) of the impact map in section coordinates.
+def derivatives(oscillator: DrivenStructure, run: Trajectory) -> Array:
+    """Derivatives (n, d, d) in section coordinates, from each point of a run to the next.
 
-    It is the product of the derivatives of: free coordinates by section coordinates; each mode on
+    Each is the product of the derivatives of: free coordinates by section coordinates; each mode on
     the way, up to the zero of its guard; the impact law. A mode that is entered at the start is
     entered for all neighbouring starts. The omitted bounces of a chatter lose the dependence on the
-    relative velocity.
+    relative velocity. Where the energies are not quadratic a run has one impact.
     """
-    run = trajectory_of(oscillator, state, 1, store=True)
-    if run.impacts < 1:
+    if not run.impacts:
         raise NoCrossing(f"there is no next impact: {run.ending.value}")
     if run.ambiguous >= 0:
         raise NoDerivative("the outcome of the next impact is a choice of law")
     if oscillator._motion is not None:
-        return _by_variations(oscillator, state, run)
-    free, automaton, began = oscillator._free, oscillator._automaton, 0.0
-    side, hit = run.final.element, not oscillator._strobed
-    y, derivative = free.states(state._coordinates, *state._turn), _lift(oscillator, state)
-    time = np.zeros(derivative.shape[1])
-    times = np.append(run.switches.time, run.time).tolist()
-    for k, number in enumerate(np.append(run.switches.guard, run.log.guard).tolist()):
-        guard, ends, last = automaton.guards[number], times[k], k == len(run.switches.guard)
-        mode = automaton.modes[guard.mode]
-        if ends > began:  # else what happened just now brought it about
-            reached = guard
-            if hit and guard.watch.force and ends == times[-1]:  # by the impact that follows
-                reached = automaton.guards[automaton.guard(guard.mode, side)]
-            low = hit and began == 0.0 and _flies_low(state, reached, ends)
-            y, derivative, risen, moved = _flight(mode, y, derivative, ends - began, low=low)
-            rate, began = mode.rate(y).ravel(), ends
-            row = _row(reached.sum, 0)
-            own = _row(reached.sum, 2) @ risen
-            speed = state.speed + float(own) if low else float(row @ rate)
-            # a period ends when it does
-            later = _later(row @ moved, speed) if hit or not last else -time
-            # Time also moves the phase: it is part of the rate, through sine and cosine.
-            derivative += np.outer(rate, later)
-            time += later
-        if not last:
-            if guard.watch.event == HALT and ends == 0.0:
-                derivative = _held_fast(oscillator, guard, derivative)
-            if guard.scrapes and float(run.switches.speed[k]) > 0.0:
-                y = _kept_slipping(oscillator, run, k, y, derivative)
-            derivative = guard.change[:, :-1] @ derivative
-            y = transformed(guard.change, y[None])[0]
-    law: list[Array] = []
-    kept: tuple[Any, Any]
-    if hit:
-        stop = oscillator._stops[side]
-        before = _row(guard.sum, 2) @ derivative
-        slope = _slope(stop, float(_row(guard.sum, 2) @ y.ravel()), float(run.log.speed[-1]))
-        kick = mode.placed(stop.sign * mode.contact(stop.row(len(free.forced.rest))).kick[:2])
-        rubs = [_scraped(part, slope, guard.sum, y, derivative) for part in guard.scrapes]
-        derivative += sum(rubs, reset(slope, kick.ravel(), before))
-        far = side == 1 and oscillator._faces
-        kept = oscillator._others[side], oscillator._others[side]
-        law.append((slope if far else -slope) * before)
-    else:
-        kept = oscillator._crossed.kept
-    if guard.mode:
-        derivative = free.seen_from(mode)[:, :-1] @ derivative
+        return _by_variations(oscillator, run.start, run)[None]
+    way = _Way(oscillator, run)
+    ends = [way.passed(k, begin) for k, begin in enumerate(way.lifted())]
+    return way.in_section(*map(np.array, zip(*ends, strict=True)))
 
-    q, by_sine, by_cosine = free.parts(derivative.T.reshape(-1, 2, free.layout.slots))
-    places = free.forced.displacements(q, by_sine, by_cosine).T
-    velocity = free.forced.speeds(q, by_sine, by_cosine).T[kept[1]]
-    if hit and free.layout.table >= 0:
-        sine, cosine = run.final._turn
-        law.append(cosine * by_sine - sine * by_cosine)
-    elif hit:
-        law.append(oscillator.frequency * time + np.eye(len(time))[-1])
-    sliders = places[oscillator.degrees_of_freedom :]
-    return np.vstack([places[kept[0]], velocity, sliders, *law])
+
+@final
+class _Way:
+    """The modes that a run passes, and their derivatives up to the zeros of their guards.
+
+    A flight is what a segment of the run begins; it ends where the next segment begins.
+
+    Attributes
+    ----------
+    first : list of int
+        The first flight after each point.
+    reached : (K,)
+        Guard whose zero ends each flight: that of the impact where others reach theirs with it.
+    ends, flows, rates : lists of K arrays
+        State (2, slots) at the end, its derivative (2 slots, 2 slots) by that at the begin, and its
+        rate (2 slots,); None where no time passes.
+    turns : (2, n + 1)
+        Sine and cosine of the phase at the points.
+    """
+
+    def __init__(self, oscillator: DrivenStructure, run: Trajectory) -> None:
+        self.oscillator, self.run, self.hit = oscillator, run, not oscillator._strobed
+        automaton, s = oscillator._automaton, run.segments
+        self.modes, self.guards = automaton.modes, automaton.guards
+        self.first = np.searchsorted(s.point, np.arange(run.impacts + 1)).tolist()
+        turns = run.coordinates[1:] if run.impacts > 1 else run.final._turn
+        self.turns = np.column_stack([run.start._turn, turns])
+        self.reached, self.lasts = s.guard[1:].copy(), np.diff(s.begin)
+        if self.hit:  # what an impact that follows at once brings about
+            inner = s.point[1:] == s.point[:-1]
+            at_once = inner & (s.begin[1:] == run.time[s.point[:-1]])
+            for k in np.flatnonzero(at_once).tolist():
+                guard = self.guards[self.reached[k]]
+                if guard.watch.force:
+                    side = int(run.element[s.point[k]])
+                    self.reached[k] = automaton.guard(guard.mode, side)
+        count = len(self.lasts)
+        self.ends: list[Any] = [None] * count
+        self.flows, self.rates = self.ends.copy(), self.ends.copy()
+        for number, where in grouped(s.mode[:-1]):
+            mode, here = self.modes[number], np.arange(count)[where]
+            here = here[self.lasts[here] > 0.0]
+            slots, lasts = np.arange(mode.layout.slots), self.lasts[here]
+            ends = mode.after(s.of(mode, here), np.arange(len(here)), lasts)
+            flows = mode.transitions(lasts, slots).matrices(slots)
+            rates = mode.rate(ends).reshape(len(here), 2 * len(slots))
+            for k, *found in zip(here.tolist(), ends, flows, rates, strict=True):
+                self.ends[k], self.flows[k], self.rates[k] = found
+        self._seen: dict[tuple[int, int], Array] = {}
+
+    def lifted(self) -> Array:
+        """Derivatives (n, 2 slots, d) of the free states at the points, by section coordinates."""
+        oscillator, start, sides = self.oscillator, self.run.start, self.run.sides[:-1]
+        if len(sides) == 1:
+            return _lift(oscillator, start)[None]
+        out = np.empty((len(sides), 2 * oscillator._free.layout.slots, oscillator.dimension))
+        for side, where in grouped(sides):
+            out[where] = _lift(oscillator, replace(start, element=side))
+            if self.hit:
+                out[where, :, -1] = _turned(oscillator, side, *self.turns[:, :-1][:, where])
+        return out
+
+    def passed(self, point: int, derivative: Array) -> tuple[Array, Array, Array]:
+        """Derivatives of the next point: of its free state (2 slots, d), its law and its time (d,).
+
+        The derivative of this point's free state is (2 slots, d).
+        """
+        oscillator, s = self.oscillator, self.run.segments
+        first, last = self.first[point], self.first[point + 1] - 1
+        derivative = self._seen_from(int(s.mode[first]), 0, derivative)
+        time = np.zeros(derivative.shape[1])
+        for k in range(first, last + 1):
+            guard = self.guards[s.guard[k + 1]]
+            mode = self.modes[guard.mode]
+            y, rate, derivative, later = self._flown(point, k, derivative)
+            if k == last and not self.hit and not oscillator._cycled:
+                later = -time  # a period of the forcing ends when it does
+            # Time also moves the phase: it is part of the rate, through sine and cosine.
+            derivative = derivative + np.outer(rate, later)
+            time += later
+            if k < last:
+                if guard.watch.event == HALT and s.begin[k + 1] == s.begin[first]:
+                    derivative = _held_fast(oscillator, guard, derivative)
+                if guard.scrapes and s.speed[k + 1] > 0.0:
+                    _kept_slipping(oscillator, self.run, k + 1, y, derivative)
+                derivative = guard.change[:, :-1] @ derivative
+        law = 0.0 * time
+        if self.hit:
+            stop, row = oscillator._stops[int(self.run.element[point])], _row(guard.sum, 2)
+            law = row @ derivative
+            slope = _slope(stop, float(row @ y.ravel()), float(self.run.log.speed[point]))
+            kick = mode.placed(stop.sign * mode.contact(stop.row(oscillator._size)).kick[:2])
+            rubs = [_scraped(part, slope, guard.sum, y, derivative) for part in guard.scrapes]
+            derivative = derivative + sum(rubs, reset(slope, kick.ravel(), law))
+            law = -slope * law
+        return self._seen_from(0, guard.mode, derivative), law, time
+
+    def in_section(self, derivatives: Array, laws: Array, times: Array) -> Array:
+        """Derivatives (n, d, d) in section coordinates, of what `passed` gives for each point."""
+        oscillator, free, d = self.oscillator, self.oscillator._free, self.oscillator.dimension
+        states = derivatives.swapaxes(1, 2).reshape(-1, 2, free.layout.slots)
+        q, *by_turn = free.parts(states)
+        shape = len(laws), d, -1
+        x = free.forced.displacements(q, *by_turn).reshape(shape).swapaxes(1, 2)
+        v = free.forced.speeds(q, *by_turn).reshape(shape).swapaxes(1, 2)
+        sliders = x[:, oscillator.degrees_of_freedom :]
+        if not self.hit:
+            positions, velocities = oscillator._crossed.kept
+            return np.concatenate([x[:, positions], v[:, velocities], sliders], axis=1)
+        phase = oscillator.frequency * times + np.eye(d)[-1]
+        if free.layout.table >= 0:
+            by_sine, by_cosine = (part.reshape(len(laws), d) for part in by_turn)
+            sine, cosine = self.turns[:, 1:, None]
+            phase = cosine * by_sine - sine * by_cosine
+        out = np.empty((len(laws), d, d))
+        for side, where in grouped(self.run.element):
+            others = oscillator._others[side]
+            own = -laws[where] if side == 1 and oscillator._faces else laws[where]
+            parts = x[where][:, others], v[where][:, others], sliders[where], own[:, None]
+            out[where] = np.concatenate([*parts, phase[where][:, None]], axis=1)
+        return out
+
+    def _flown(self, point: int, k: int, derivative: Array) -> tuple[Array, Array, Array, Array]:
+        """State, rate and derivative (2 slots, d) after a flight, and by how much later it ends."""
+        s, reached = self.run.segments, self.guards[self.reached[k]]
+        mode, row = self.modes[reached.mode], _row(reached.sum, 0)
+        begin = s.of(mode, k)
+        if self.ends[k] is None:
+            rate = mode.rate(begin).ravel()
+            speed, value = float(row @ rate), float(row @ begin.ravel()) + reached.sum.offset
+            later = 0.0 * (row @ derivative)
+            if comes_by_itself(s, k, reached, value, speed, self.oscillator.frequency):
+                later = -(row @ derivative) / speed
+            return begin, rate, derivative, later
+        if not self._flies_low(point, k, reached):
+            flown, rate = self.flows[k] @ derivative, self.rates[k]
+            return self.ends[k], rate, flown, _later(row @ flown, float(row @ rate))
+        risen, moved = _low_flight(mode, begin, derivative, float(self.lasts[k]))
+        y = begin + risen
+        speed = float(self.run.speeds[point] + _row(reached.sum, 2) @ risen.ravel())
+        later = _later(_row(reached.sum, 0) @ moved, speed)
+        return y, mode.rate(y).ravel(), derivative + moved, later
+
+    def _flies_low(self, point: int, k: int, reached: Any) -> bool:
+        """Whether a flight is from a stop to the same one, and shorter than its gap's least step.
+
+        The gap and its rate would be differences, of which rounding leaves nothing after low
+        bounces.
+        """
+        returns = reached.watch.event == IMPACT and reached.element == self.run.sides[point]
+        from_impact = self.hit and k == self.first[point] and self.run.speeds[point] > 0.0
+        return bool(from_impact and returns and self.lasts[k] < reached.sum.smallest)
+
+    def _seen_from(self, number: int, other: int, derivative: Array) -> Array:
+        """A derivative (2 slots, d) of states of another mode, as that of states of a mode."""
+        if number == other:
+            return derivative
+        if (number, other) not in self._seen:
+            self._seen[number, other] = self.modes[number].seen_from(self.modes[other])[:, :-1]
+        return np.asarray(self._seen[number, other] @ derivative)
 
 
 def tangent(oscillator: DrivenStructure, state: ImpactState) -> Array:
@@ -226,15 +334,17 @@ def _held_fast(oscillator: DrivenStructure, guard: Any, derivative: Array) -> Ar
 
 def _kept_slipping(
     oscillator: DrivenStructure, run: Any, k: int, y: Array, derivative: Array
-) -> Array:
-    """The state after friction in bounces that contact replaces; `derivative` changes in place.
+) -> None:
+    """Change a derivative, in place, by friction in bounces that contact replaces.
 
     What slips gets back what contact takes too much; of what sticks nothing is left.
     """
-    automaton = oscillator._automaton
-    guard = automaton.guards[int(run.switches.guard[k])]
+    automaton, s = oscillator._automaton, run.segments
+    switched = s.point == s.point[k]  # the guard of the impact that follows is that of its friction
+    times, guards = s.begin[k:][switched[k:]], s.guard[k:][switched[k:]]
+    guard = automaton.guards[int(s.guard[k])]
     for part in guard.scrapes:
-        to = rubs_on(automaton, run.switches.time[k:], run.switches.guard[k:], part.element)
+        to = rubs_on(automaton, times, guards, part.element)
         if to == STICKS:
             by = -_row(part.slip, 0)
             change = float(by @ y.ravel()) - part.slip.offset
@@ -243,7 +353,6 @@ def _kept_slipping(
             change = float(by @ y.ravel())
         derivative += np.outer(part.kick[:2], by @ derivative)
         y = y + change * part.kick[:2]
-    return y
 
 
 def _slope(stop: HardStop, rate: float, speed: float) -> float:
@@ -318,6 +427,18 @@ def _lift(oscillator: DrivenStructure, state: ImpactState) -> Array:
     return np.asarray(out.reshape(d, -1).T)
 
 
+def _turned(oscillator: DrivenStructure, side: int, sine: Array, cosine: Array) -> Array:
+    """Derivatives (n, 2 slots) of free states on a stop by the phase: see `_lift`."""
+    free, stop, contact = oscillator._free, oscillator._stops[side], oscillator._contacts[side]
+    x, v = np.zeros((2, len(sine), oscillator._size))
+    contact.put(x, stop.swing(cosine, -sine))
+    contact.put(v, stop.swing_rate(oscillator.frequency, cosine, -sine))
+    out = free.states(free.coordinates(x, v, cosine, -sine, 0.0 * sine), cosine, -sine)
+    if free.layout.constant >= 0:
+        out[:, 0, free.layout.constant] = 0.0
+    return np.asarray(out.reshape(len(sine), -1))
+
+
 def _flow(mode: Mode, y: Array, duration: float) -> tuple[Array, Array]:
     """The state after a duration, and its derivative (2 slots, 2 slots) by the state before."""
     slots, lasts = np.arange(y.shape[1]), np.array([duration])
@@ -332,34 +453,17 @@ def _later(risen: Array, speed: float) -> Array:
     return -risen / speed
 
 
-def _flies_low(state: ImpactState, guard: Any, duration: float) -> bool:
-    """Whether a flight from a stop to the same one is shorter than the smallest step of its gap.
+def _low_flight(mode: Mode, y: Array, derivative: Array, duration: float) -> tuple[Array, Array]:
+    """Changes of a state (2, slots), and of its derivative (2 slots, d), by a flight.
 
-    The gap and its rate would be differences, of which rounding leaves nothing after low bounces.
+    They are Taylor series: what is small beside the state keeps its digits.
     """
-    again = guard.watch.event == IMPACT and guard.element == state.element
-    return again and state.speed > 0.0 and duration < guard.sum.smallest
-
-
-def _flight(
-    mode: Mode, y: Array, derivative: Array, duration: float, *, low: bool
-) -> tuple[Array, Array, Array, Array]:
-    """A state and its derivative (2 slots, d) after a flight, and parts of them, both flat.
-
-    From these parts the gap and its rate follow: of low flights they are the changes, by Taylor
-    series.
-    """
-    if not low:
-        y, flow = _flow(mode, y, duration)
-        derivative = flow @ derivative
-        return y, derivative, y.ravel(), derivative
     term = np.concatenate([y[None], derivative.T.reshape(-1, *y.shape)])
     total = np.zeros_like(term)
     for k in range(1, _ORDERS):
         term = mode.rate(term) * (duration / k)
         total += term
-    moved = total[1:].reshape(derivative.shape[1], -1).T
-    return y + total[0], derivative + moved, total[0].ravel(), moved
+    return total[0], total[1:].reshape(derivative.shape[1], -1).T
 
 
 def _row(ladder: Any, order: int) -> Array:

@@ -23,10 +23,28 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from dynkit.core.validation import Array
+from dynkit.systems.impact.elements.element import HALT, EventKind
 from dynkit.systems.impact.modes.mode import transformed
+
+_AT_ONCE = 1e-9
+"""Events nearer to each other than this many radians of the forcing happen at once."""
 
 if TYPE_CHECKING:
     from dynkit.systems.impact.simulation.driven_structure import DrivenStructure
+    from dynkit.systems.impact.simulation.trajectory import Segments
+
+
+def comes_by_itself(
+    s: Segments, k: int, guard: Any, value: float, speed: float, frequency: float
+) -> bool:
+    """Whether the event after segment k of no duration is not what the one before it brought about.
+
+    So it is where a machine is symmetric: what a guard watches just falls to zero at a speed. Of
+    friction that sticks from an impact on, the slip is zero as well.
+    """
+    sticks = guard.watch.event == HALT and s.kind[k] == EventKind.IMPACT
+    just = speed < 0.0 and abs(value) * frequency <= -_AT_ONCE * speed
+    return just and not sticks and bool(s.element[k] != guard.element)
 
 
 def reset(slope: float, kick: Array, by_rate: Array) -> Array:

@@ -14,7 +14,7 @@ from dynkit.core.differences import STEP
 from dynkit.core.validation import Array
 from dynkit.systems.impact.elements.element import IMPACT
 from dynkit.systems.impact.elements.friction import FORWARD, STICKS
-from dynkit.systems.impact.variational.saltation import reset
+from dynkit.systems.impact.variational.saltation import comes_by_itself, reset
 
 _LOW = 1e-7
 """Turns of the phase, in radians, below which rounding hides what a flight changes."""
@@ -46,7 +46,7 @@ def followed(oscillator: DrivenStructure, run: Trajectory, lifted: Array) -> tup
         state, duration = s.states[i], float(s.begin[i + 1] - s.begin[i])
         guard = automaton.guards[int(s.guard[i + 1])]
         number = int(s.guard[i + 1]) - automaton.first[guard.mode]
-        final = oscillator._strobed and i == last - 1
+        final = oscillator._strobed and not oscillator._cycled and i == last - 1
         for j, k in enumerate(mode.scene.sliders):
             if not mode.regimes[k].anchored:
                 out[2 * n + j] = mode.scene.rows[k] @ out[:n]
@@ -54,20 +54,25 @@ def followed(oscillator: DrivenStructure, run: Trajectory, lifted: Array) -> tup
         if low:
             state, out, late = _low_flight(oscillator, run, mode, state, duration, out)
             ended = ended + late
-        elif duration > 0.0:
-            state, flow = mode.flow(state, duration, int(s.element[i]))
-            out = flow @ out
+        else:
+            if duration > 0.0:
+                state, flow = mode.flow(state, duration, int(s.element[i]))
+                out = flow @ out
             moving = mode.rate(state[None])[0]
             rate = np.concatenate([*moving[:, :n], moving[0, n:-1], [oscillator.frequency]])
             if final:
                 later = -ended
             else:
                 at_once = not oscillator._strobed and s.begin[i + 1] == s.begin[last]
-                if guard.watch.force and at_once:  # by the impact that follows
+                if duration > 0.0 and guard.watch.force and at_once:  # by the impact that follows
                     side = run.final.element
                     number = next(j for j, (k, _) in enumerate(mode.guards) if k == side)
                 row = mode.gradient(number, state)
-                later = -(row @ out) / float(row @ rate)
+                speed = float(row @ rate)
+                comes = duration > 0.0 or comes_by_itself(
+                    s, i, guard, mode.watched(number, state)[0], speed, oscillator.frequency
+                )
+                later = -(row @ out) / speed if comes else 0.0 * ended
             out = out + np.outer(rate, later)
             ended = ended + later
         sticks = mode.scene.elements[guard.element].regimes[guard.watch.to].sticks

@@ -28,7 +28,7 @@ from dynkit.systems.impact.orbits.borders import (
 from dynkit.systems.impact.orbits.flights import Curve
 from dynkit.systems.impact.orbits.itineraries.happening import Happening, Itinerary
 from dynkit.systems.impact.orbits.itineraries.itinerary import regimes_of
-from dynkit.systems.impact.orbits.itineraries.motion import SAME
+from dynkit.systems.impact.orbits.itineraries.motion import AT_ONCE, SAME
 from dynkit.systems.impact.orbits.itineraries.parting import reversed_order
 from dynkit.systems.impact.orbits.itineraries.shooting import ShootingSolution
 from dynkit.systems.impact.orbits.machine import Regimes
@@ -297,9 +297,10 @@ class VanishingInterval(Border):
     def value(self, solution: ItinerarySolution) -> float:
         first, second = self._events(solution.itinerary)
         self.ends = first.element == second.element
-        if solution.events == 1:
-            return math.inf
-        return float(solution.durations[self.part] / solution.period)
+        value = float(solution.durations[self.part] / solution.period)
+        # events of a symmetric machine stay at once
+        together = not self.ends and abs(value) <= AT_ONCE
+        return math.inf if together or solution.events == 1 else value
 
     def _events(self, itinerary: Itinerary) -> tuple[Happening, Happening]:
         return itinerary[self.part], itinerary[(self.part + 1) % len(itinerary)]

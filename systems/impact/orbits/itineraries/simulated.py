@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from operator import attrgetter
 from typing import Any
 
 import numpy as np
 
 from dynkit.core.no_motion import NoMotion
+from dynkit.core.validation import Array
 from dynkit.systems.impact.elements.element import LAIN
 from dynkit.systems.impact.orbits.itineraries.flying import laid
 from dynkit.systems.impact.orbits.itineraries.happening import Happening
@@ -45,7 +48,7 @@ def run_for(
 
 def is_motion(s: Any) -> bool:
     """Whether simulation finds the same events as a `ShootingSolution` has."""
-    if (s.impulses < 0.0).any() or (s.durations < 0.0).any():
+    if (s.impulses < 0.0).any() or (s.durations < -SAME * s.period).any():
         return False
     try:
         if not s.course.sticks:
@@ -69,13 +72,30 @@ def _comes_again(s: Any) -> bool:
     sliders = placed(s.oscillator, z[:n], z[2 * n :])[n:]  # nor these too far behind
     start = s.oscillator.state(z[:n], z[n : 2 * n], phase % TWO_PI, sliders)
     due = (times - since) % s.period
-    order = [k for k in np.argsort(due).tolist() if s.itinerary[k].element >= 0]
+    turned = [(i + 1 + k) % s.events for k in range(s.events)]
+    order = [k for k in turned if s.itinerary[k].element >= 0]
     seen = simulated(s.oscillator, start, s.period, most=len(order))
     if len(seen.events) != len(order):
         return False
-    pairs = zip(seen.events, (s.itinerary[k] for k in order), strict=True)
-    agree = all(_same(*pair, len(s.oscillator._stops)) for pair in pairs)
-    return agree and bool((abs(seen.times - due[order]) <= SAME * s.period).all())
+    within = SAME * s.period
+    found = _without_order(seen.times, seen.events, within)
+    wanted = _without_order(due[order], [s.itinerary[k] for k in order], within)
+    stops = len(s.oscillator._stops)
+    agree = all(_same(a, b, stops) for a, b in zip(found, wanted, strict=True))
+    return agree and bool((abs(seen.times - due[order]) <= within).all())
+
+
+def _without_order(times: Array, events: Sequence[Happening], within: float) -> list[Happening]:
+    """Events, those at once by their elements and in the mode before: their order is rounding."""
+    groups: list[list[Happening]] = []
+    for late, event in zip(np.diff(times, prepend=-np.inf) > within, events, strict=True):
+        groups += [[]] if late else []
+        groups[-1].append(event)
+    return [
+        event._replace(mode=group[0].mode)
+        for group in groups
+        for event in sorted(group, key=attrgetter("element"))
+    ]
 
 
 def _is_released(s: Any, node: int) -> bool:
