@@ -59,7 +59,7 @@ def reproduce(out: str, only: Sequence[str] | None = None, *, log: TextIO) -> Pa
         beside = [name for name in names if name in BESIDE and len(names) > 1]
         if beside:
             pool = stack.enter_context(get_context("spawn").Pool(1, _leave_interrupts))
-            pool.apply_async(_prepare)
+            prepared = pool.apply_async(_prepare)
         print("compiling or loading the kernels: ", end="", file=log, flush=True)
         print(f"{workshop.warm_up():.1f} s", file=log, flush=True)
         waiting = {name: pool.apply_async(_made, (folder, name)) for name in beside}
@@ -68,6 +68,10 @@ def reproduce(out: str, only: Sequence[str] | None = None, *, log: TextIO) -> Pa
             sections[name] = waiting[name].get() if name in waiting else _make(workshop, name)
             note = ", meanwhile" if name in waiting else ""
             print(f"{sections[name].total:.1f} s{note}", file=log, flush=True)
+        if beside:  # the other process ends by itself
+            prepared.get()
+            pool.close()
+            pool.join()
     seconds = time.perf_counter() - began
     chain, made = workshop.chain(FREQUENCIES[0]), [sections[name] for name in names]
     report = write_report(folder, chain, made, workshop.warm_up(), seconds)
