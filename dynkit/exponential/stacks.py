@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from operator import gt
 from typing import Any, final
 
 import numpy as np
@@ -24,19 +25,18 @@ class Stack:
         if k == 0 and room is None:
             self._rooms[name] = array[None]  # a single array is not copied
             return
-        if room is None or k >= len(room) or room.shape[1:] != array.shape:
+        if room is None or k >= len(room) or any(map(gt, array.shape, room.shape[1:])):
             self._widen(name, k + 1, array)
         self._rooms[name][(k, *map(slice, array.shape))] = array
 
     def _widen(self, name: str, count: int, like: Any) -> None:
         """Extend the capacity to `count` arrays, each at least as large as `like`."""
         old = self._rooms.get(name, np.zeros((0, *like.shape), like.dtype))
-        shape = np.maximum(old.shape, (count, *like.shape))
-        if (shape > old.shape).any():
-            if count > len(old):
-                shape[0] = max(count, 2 * len(old))
-            self._rooms[name] = np.zeros(shape, old.dtype)
-            self._rooms[name][tuple(map(slice, old.shape))] = old
+        shape = list(map(max, old.shape, (count, *like.shape)))
+        if count > len(old):
+            shape[0] = max(count, 2 * len(old))
+        self._rooms[name] = np.zeros(shape, old.dtype)
+        self._rooms[name][tuple(map(slice, old.shape))] = old
 
     def take(self, name: str, count: int) -> Any:
         """Return the first `count` arrays of this name; zeros where none was put."""

@@ -89,8 +89,7 @@ class CoordinateFunction:
 
         rows = np.ascontiguousarray(x, dtype=float).reshape(-1, x.shape[-1])
         out = np.empty((len(rows), len(self.form.values)))
-        for row, filled in zip(rows, out, strict=True):
-            kernels.apply(self.form.code.address, row, self.numbers, filled)
+        kernels.apply_all(self.form.code.address, rows, self.numbers, out)
         return out.reshape(*x.shape[:-1], -1)
 
     def _changed(self, x: Array) -> Array:

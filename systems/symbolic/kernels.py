@@ -51,6 +51,13 @@ def apply(code: Any, state: Array, parameters: Array, out: Array) -> None:
 
 
 @kernel(entry=True)
+def apply_all(code: Any, states: Array, parameters: Array, out: Array) -> None:
+    """Fill each row of out (n, m), modified in place, by a call for that row of states (n, d)."""
+    for i in range(len(states)):
+        _call(code, states[i], parameters, out[i])
+
+
+@kernel(entry=True)
 def iterate(code: Any, parameters: Array, states: Array) -> int:
     """Fill rows 1, 2, ... of states (n + 1, d), modified in place, by iterates of row 0.
 

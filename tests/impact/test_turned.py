@@ -38,7 +38,11 @@ def test_a_turned_automaton_has_the_bits_of_a_new_one(name: str) -> None:
     for frequency in FREQUENCIES:
         turned = system.replace(frequency=frequency)._automaton._shared
         new = Automaton(
-            turned._structure, turned._excitation, turned._elements, turned._tolerance, {}
+            turned._structure,
+            turned._excitation,
+            turned._elements,
+            turned._tolerance,
+            turned.parts,
         )
         assert turned._excitation.frequency == frequency
         assert numbers(turned.tables) == numbers(new.tables)

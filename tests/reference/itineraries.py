@@ -10,6 +10,7 @@ import numpy as np
 from mpmath import mp
 
 from dynkit.systems import DryFriction, SoftStop
+from tests.reference.exponential import expm
 from tests.reference.friction import Cushion, Gap, Rub, Table
 from tests.reference.soft_stops import SoftStopReference
 
@@ -150,7 +151,7 @@ class ExactOrbit:
                     z = z - (way * most if way else (rub.rate * z)[0]) / over * rub.kick
             after = self.itinerary[(i + 1) % self.count].mode.numbers
             started.append(z)
-            z = mp.expm(self.flows[after] * ((phases[i + 1] - phases[i]) / clock)) * z
+            z = expm(self.flows[after] * ((phases[i + 1] - phases[i]) / clock)) * z
             states.append(list(z))
         return states, guards, started
 
@@ -178,7 +179,7 @@ class ExactOrbit:
         since = phase + turns * self.turn - self.phases[k]
         flow = self.flows[self.itinerary[(k + 1) % self.count].mode.numbers]
         later = mp.mpf(0) if abs(since) < NEAR else since / self.frequency
-        return mp.expm(flow * later) * self.after[k]
+        return expm(flow * later) * self.after[k]
 
 
 def section_error(orbit: Any) -> float:

@@ -13,6 +13,7 @@ from typing import Final, NamedTuple
 import mpmath
 from mpmath import mp, mpf
 
+from tests.reference.exponential import expm
 from tests.reference.extremes import ExtremeCase
 from tests.reference.general_oscillator import BITS, History, Impact
 from tests.reference.mode_bounds import Real
@@ -57,7 +58,7 @@ def periodic_orbit(case: ExtremeCase, turns: int) -> PeriodicOrbit:
                     rate[n + row, n + column] -= sign * c * mpf(k)
         kick = mpmath.zeros(2 * n, 1)
         kick[2 * n - 1] = -1 - 1 / r
-        z = mpmath.lu_solve(mpmath.expm(rate * period) - mpmath.eye(2 * n), kick)
+        z = mpmath.lu_solve(expm(rate * period) - mpmath.eye(2 * n), kick)
         x, v = z[n - 1], z[2 * n - 1]
         u = a / mpmath.sqrt(x * x + ((v - 1) / w) ** 2)
         phase = mpmath.atan2(x * u, (v - 1) * u / w) % (2 * mp.pi)

@@ -32,7 +32,7 @@ def results(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def test_an_item_made_by_another_process_is_part_of_the_report(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("tutorials.cusumano_bai_1993.BESIDE", "figure-3")
+    monkeypatch.setattr("tutorials.cusumano_bai_1993.BESIDE", ("figure-3",))
     log = io.StringIO()
     page = reproduce(str(tmp_path), ["table-a1", "figure-3"], log=log)
     assert page == tmp_path / "report.html"

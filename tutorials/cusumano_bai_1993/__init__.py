@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from contextlib import ExitStack
+from functools import cache
 from pathlib import Path
 from tempfile import TemporaryFile
 from typing import TYPE_CHECKING, TextIO
@@ -17,8 +18,8 @@ if TYPE_CHECKING:
     from tutorials.cusumano_bai_1993.section import Section
     from tutorials.cusumano_bai_1993.workshop import Workshop
 
-BESIDE = "figure-4-branches"
-"""It takes as long as all others together: a process of its own makes it meanwhile."""
+BESIDE = ("figure-4-branches", "resonances")
+"""They take as long as all others together: a process of its own makes them meanwhile."""
 
 
 def reproduce(out: str, only: Sequence[str] | None = None, *, log: TextIO) -> Path:
@@ -53,19 +54,24 @@ def reproduce(out: str, only: Sequence[str] | None = None, *, log: TextIO) -> Pa
 
     began = time.perf_counter()
     workshop = Workshop(folder)
-    print("compiling or loading the kernels: ", end="", file=log, flush=True)
-    print(f"{workshop.warm_up():.1f} s", file=log, flush=True)
     sections: dict[str, Section] = {}
-    waiting = {}
     with ExitStack() as stack:
-        if BESIDE in names and len(names) > 1:
+        beside = [name for name in names if name in BESIDE and len(names) > 1]
+        if beside:
             pool = stack.enter_context(get_context("spawn").Pool(1, _leave_interrupts))
-            waiting[BESIDE] = pool.apply_async(_made, (folder, BESIDE))
+            prepared = pool.apply_async(_prepare)
+        print("compiling or loading the kernels: ", end="", file=log, flush=True)
+        print(f"{workshop.warm_up():.1f} s", file=log, flush=True)
+        waiting = {name: pool.apply_async(_made, (folder, name)) for name in beside}
         for name in sorted(names, key=waiting.__contains__):
             print(f"{name}: ", end="", file=log, flush=True)
             sections[name] = waiting[name].get() if name in waiting else _make(workshop, name)
             note = ", meanwhile" if name in waiting else ""
             print(f"{sections[name].total:.1f} s{note}", file=log, flush=True)
+        if beside:  # the other process ends by itself
+            prepared.get()
+            pool.close()
+            pool.join()
     seconds = time.perf_counter() - began
     chain, made = workshop.chain(FREQUENCIES[0]), [sections[name] for name in names]
     report = write_report(folder, chain, made, workshop.warm_up(), seconds)
@@ -102,11 +108,26 @@ def _make(workshop: Workshop, name: str) -> Section:
     return MAKERS[name](workshop)
 
 
-def _made(folder: Path, name: str) -> Section:
-    """An item from a workshop of its own."""
+def _prepare() -> None:
+    """Compile the kernels of orbits while the first process compiles those of motions."""
+    from dynkit import continue_orbit
     from tutorials.cusumano_bai_1993.workshop import Workshop
 
-    return _make(Workshop(folder), name)
+    chain = Workshop(Path()).chain(0.4)
+    orbit = chain.periodic_orbits(periods=1)[0]
+    continue_orbit(orbit, "frequency", bounds=(0.399, 0.401))
+
+
+@cache
+def _beside(folder: Path) -> Workshop:
+    from tutorials.cusumano_bai_1993.workshop import Workshop
+
+    return Workshop(folder)
+
+
+def _made(folder: Path, name: str) -> Section:
+    """An item from the workshop of the other process."""
+    return _make(_beside(folder), name)
 
 
 def _leave_interrupts() -> None:

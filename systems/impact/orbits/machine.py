@@ -243,12 +243,8 @@ class Machine:
             numbers = numbers + 1j * STEP * change[: len(numbers)]
         self.frequency, forces, matrices, self._own, *_ = Numbers.split(oscillator, numbers)
         self.mass, self.damping, self.stiffness = matrices
-        automaton = oscillator._automaton
-        self.sliders, self.normal, self._led = (
-            automaton.sliders,
-            automaton.parts.normal,
-            automaton.parts.led,
-        )
+        parts = oscillator._parts
+        self.sliders, self.normal, self._led = parts.sliders, parts.normal, parts.led
         beside = np.zeros((self.size, len(self.sliders)))
         self._given: Any = np.hstack([-self.stiffness, -self.damping, beside, forces.T])
         sizes = [[_OF_REGIME + _OF_GUARD * len(r.guards) for r in e.regimes] for e in self.elements]

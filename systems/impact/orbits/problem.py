@@ -231,7 +231,7 @@ class ImpactProblem(PeriodicProblem, WatchedProblem):
         if self.responds:
             own = system, windows_of(system), Terms.of(system), self._measures
             return responses.Scene(*own, partial(self.system, p))
-        machine, parts = Machine(system), system._automaton.parts
+        machine, parts = Machine(system), system._parts
         if parts.falls and system._motion is None:
             for mode in {event.mode for event in self.itinerary}:
                 parts.check_slopes(machine.dashpots(mode))

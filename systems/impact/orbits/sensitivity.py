@@ -59,7 +59,7 @@ def map_derivative_by(oscillator: ImpactMap, state: ImpactState, change: Array) 
     NoDerivative
         When the outcome of the next impact is a choice of law.
     """
-    system, parts = oscillator, oscillator._automaton.parts
+    system, parts = oscillator, oscillator._parts
     turns = not system._strobed or system._excitation.turns
     if system._motion is not None or parts.normal or system._curves or not turns:
         return None
@@ -109,14 +109,14 @@ def _followed(system: Any, run: Trajectory) -> bool:
         g.watch.event == HALT and t == 0.0 for g, t in zip(guards, run.switches.time, strict=True)
     ]
     chatters = (kinds == EventKind.CONTACT) & (speeds > 0.0)
-    soft = [system._automaton.parts.now(own)[len(system._stops) :] for own in run.regimes]
+    soft = [system._parts.now(own)[len(system._stops) :] for own in run.regimes]
     holds = [regime.holds for own in soft for regime in own]
     return not (any(halts) or chatters.any() or any(holds))
 
 
 def _row(m: Machine, system: Any, mode: Regimes, guard: Any) -> Any:
     """Row (D,) of what is zero at the end of a mode."""
-    guards = system._automaton.parts.now(mode.numbers)[guard.element].guards
+    guards = system._parts.now(mode.numbers)[guard.element].guards
     return m.watched(mode, guard.element, number_of(guards, guard.watch))
 
 

@@ -126,7 +126,7 @@ def gap_of(system: ImpactMap, mode: Any, number: int, states: Array) -> tuple[Ar
     """
     x, v = mode.motion(states)
     _, sine, cosine = mode.parts(states)
-    element, slider = system._elements[number], system._automaton.sliders.get(number)
+    element, slider = system._elements[number], system._automaton.parts.sliders.get(number)
     function, sign = system._functions[number], element.sign
     own = element.swing_rate(system.frequency, sine, cosine) + element.drift
     place = element.offset + element.swing(sine, cosine)

@@ -62,8 +62,6 @@ class Automaton(JoinedModes):
 
     Attributes
     ----------
-    sliders : dict
-        Number of the slider's coordinate, by number of the element.
     table : (guards, 4)
         For each guard: its mode, its element, the next mode, and the kind of the event.
     beside : int or None
@@ -77,13 +75,10 @@ class Automaton(JoinedModes):
         excitation: Excitation,
         elements: Sequence[Element],
         tolerance: float,
-        normal: dict[int, int],
+        parts: Parts,
     ) -> None:
         self._structure, self._excitation, self._elements = structure, excitation, tuple(elements)
-        self._size = structure.size
-        places = iter(range(structure.size - structure.sliders, structure.size))
-        self.sliders = {k: next(places) for k, e in enumerate(elements) if e.slider}
-        self.parts = Parts(self._elements, structure, normal)
+        self._size, self.parts = structure.size, parts
         self._tolerance = tolerance
         hit = any(isinstance(element, HardStop) for element in self._elements)
         self._cycled = None if hit or excitation.turns else cycled_by(self._elements)
@@ -206,10 +201,10 @@ class Automaton(JoinedModes):
         sliders, springs = [], []
         for k, (element, regime) in enumerate(zip(self._elements, now, strict=True)):
             row = element.row(structure.size)
-            if k in self.sliders:
+            if k in self.parts.sliders:
                 behind = None if regime.anchored else element.sign * regime.stretch
-                row[self.sliders[k]] = -1.0 if regime.anchored else 0.0
-                sliders.append(Slider(element, self.sliders[k], behind))
+                row[self.parts.sliders[k]] = -1.0 if regime.anchored else 0.0
+                sliders.append(Slider(element, self.parts.sliders[k], behind))
             springs.append((row, regime.stiffness, regime.damping))
             excitation = excitation.pulled(element, regime)
         if self.parts.falls:
@@ -244,7 +239,7 @@ class Automaton(JoinedModes):
                 fixed = [*held, *sticking]
                 sum_ = force_of(mode, structure, excitation, fixed, element, watch, slips, normal)
             else:
-                sum_ = sum_of(mode, element, watch, self.sliders.get(k, -1))
+                sum_ = sum_of(mode, element, watch, self.parts.sliders.get(k, -1))
             guard = Guard(number, k, watch, sum_)
             if watch.event == IMPACT:
                 own = self._structure, mode, given, self.parts, regimes, k
@@ -264,7 +259,7 @@ class Automaton(JoinedModes):
         before, sticking = (
             self.parts.grips(self.regimes[k])[1] for k in (guard.mode, guard.target)
         )
-        halts = guard.watch.event == HALT or guard.element in self.sliders
+        halts = guard.watch.event == HALT or guard.element in self.parts.sliders
         halts = halts or guard.element in self.parts.normal
         for k in (k for k in sticking if halts and k not in before):
             # The rate is exactly that of the surface.

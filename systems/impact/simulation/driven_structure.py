@@ -37,6 +37,7 @@ from dynkit.systems.impact.simulation.automaton import Automaton
 from dynkit.systems.impact.simulation.crossed import Crossed
 from dynkit.systems.impact.simulation.joined_modes import cycled_by, halts
 from dynkit.systems.impact.simulation.rebounding import Rebounding
+from dynkit.systems.impact.simulation.regimes import Parts
 from dynkit.systems.structure.energies import NotQuadraticError
 from dynkit.systems.structure.equations import (
     derivation_of,
@@ -367,7 +368,12 @@ class DrivenStructure(LagrangianStructure):
         if not self.elements and not isinstance(self.restitution, ImpactLaw):
             return Rebounding(self._alike, self.restitution)
         given = self._structure, self._excitation, self._elements, self.chatter_tolerance
-        return Automaton(*given, self._normal)
+        return Automaton(*given, self._parts)
+
+    @cached_property
+    def _parts(self) -> Parts:
+        """The elements, and the rules for their regimes."""
+        return Parts(self._elements, self._structure, self._normal)
 
     @property
     def _normal(self) -> dict[int, int]:
@@ -396,7 +402,7 @@ class DrivenStructure(LagrangianStructure):
             stops = tuple(replace(stop, restitution=1.0) for stop in self._stops)
             given = self._structure, self._excitation, stops, self.chatter_tolerance
             known.clear()
-            found = Automaton(*given, {})
+            found = Automaton(*given, Parts(stops, self._structure, {}))
         found = known[key] = found.turned(self._excitation)
         return cast("Automaton", found)
 
@@ -406,7 +412,7 @@ class DrivenStructure(LagrangianStructure):
 
         given = self._motion, self._excitation, self._elements
         scene = Scene(*given, self._curves, self._normal)
-        return TaylorAutomaton(self._structure, scene)
+        return TaylorAutomaton(self._structure, scene, self._parts)
 
     @cached_property
     def _free(self) -> Any:

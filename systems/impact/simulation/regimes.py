@@ -47,6 +47,8 @@ class Parts:
     ----------
     normal : dict
         Number of the hard stop on which friction leans, by the number of that friction.
+    sliders : dict
+        Number of the slider's coordinate, by the number of the element.
     falls : bool
         Whether an element has a dashpot below zero: friction that falls with the slip.
 
@@ -63,7 +65,8 @@ class Parts:
         self._regimes = [element.regimes for element in elements]
         self._leads: dict[int, int] = {}
         self.falls = any(regime.damping < 0.0 for own in self._regimes for regime in own)
-        self._sliders = [k for k, element in enumerate(elements) if element.slider]
+        places = iter(range(structure.size - structure.sliders, structure.size))
+        self.sliders = {k: next(places) for k, e in enumerate(elements) if e.slider}
         rubs = [k for k, element in enumerate(elements) if isinstance(element, DryFriction)]
         for k in rubs:
             led = (j for j in rubs if j < k and len(self._alike((j,), k)) > 1)
@@ -132,7 +135,7 @@ class Parts:
         along = (*both, element) if rides is False else (element,)
         turns = jumps or rides is None
         for k, own in enumerate(self._regimes):
-            slips = k in self._sliders or (own[regimes[k]].halts and not turns)
+            slips = k in self.sliders or (own[regimes[k]].halts and not turns)
             if slips and self.along(along, k):
                 regimes[k] = next(j for j, r in enumerate(own) if r.sticks or r.anchored)
         return regimes
@@ -142,7 +145,7 @@ class Parts:
         regimes, k = list(given), guard.element
         released = self.now(regimes)[k].holds and self.hard(k)
         regimes[k] = LAIN if released else guard.watch.to
-        if k in self._sliders and guard.watch.rate:
+        if k in self.sliders and guard.watch.rate:
             regimes = self.halted(regimes, k, jumps=guard.watch.event == JUMP)
         return self.settled(regimes)
 
@@ -176,7 +179,7 @@ class Parts:
             leader = self._leads[k]
             back = dict(self.led(leader))[k] * self._elements[k].sign * self._elements[leader].sign
             regimes[k] = TURNED[regimes[leader]] if back < 0.0 else regimes[leader]
-        for k in self._sliders:
+        for k in self.sliders:
             if self.along(both, k):
                 regimes[k] = 0
         return tuple(regimes)
@@ -194,7 +197,7 @@ class Parts:
     def slides(self, regimes: Sequence[int]) -> list[int]:
         """For each element, how its slider slides or rides: see `Tables.slides`."""
         both, out = sum(self.grips(regimes), ()), [0] * len(regimes)
-        for k in self._sliders:
+        for k in self.sliders:
             regime = self._regimes[k][regimes[k]]
             rides = RIDES if regime.anchored and self.along(both, k) else 0
             out[k] = rides or int(np.sign(regime.stretch))
@@ -245,7 +248,7 @@ class Parts:
         held, sticking = self.grips(regimes)
         both, out = held + sticking, list[bool | None]()
         for k, regime in enumerate(self.now(regimes)):
-            rubs = regime.halts or k in self._sliders
+            rubs = regime.halts or k in self.sliders
             rides = self.along(both if rubs else held, k)
             others = tuple(j for j in both if j != k)
             bound = k in sticking and self.along(others, k) is not False
@@ -273,7 +276,7 @@ class Parts:
                 own = ()
             elif riding[k] is None and own and own[0].event == HALT:
                 own = [replace(w, event=SWITCH, order=1) for w in own if w.event == JUMP]
-            elif k in self._sliders and any(self.along((j,), k) for j in halting):
+            elif k in self.sliders and any(self.along((j,), k) for j in halting):
                 own = [w for w in own if w.event == JUMP or not w.rate]
             found += [(k, watch) for watch in own]
         return found

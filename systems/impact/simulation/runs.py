@@ -223,7 +223,7 @@ class Course:
             self._close(element)
             if element in oscillator._automaton.parts.normal:
                 self._left[element, clock_kernels.MOTION] = clock_kernels.STILL
-        if oscillator._automaton.sliders:
+        if oscillator._automaton.parts.sliders:
             self._stretch()
         if oscillator._cycled:
             self._leave_section()
@@ -238,7 +238,7 @@ class Course:
         number = next((k for k in own if automaton.guards[k].watch.event == REST), -1)
         if number < 0 and own and automaton.guards[own[0]].watch.event in (IMPACT, HALT):
             number = own[0]
-        if number < 0 and own and element in automaton.sliders:  # it slides where it yields
+        if number < 0 and own and element in automaton.parts.sliders:  # it slides where it yields
             there = self._work.states[_kernels()[1].START]
             number = min(own, key=lambda k: _value_and_rate(automaton.guards[k].sum, there)[0])
         if number >= 0:  # else it stays where it is, as others hold it
@@ -249,7 +249,7 @@ class Course:
         clock_kernels, automaton = _kernels()[0], self._oscillator._automaton
         mode = automaton.guards[int(self._clock[clock_kernels.GUARD])].mode
         x, places = self._start.position, self._start.sliders
-        for k, place in zip(automaton.sliders, places.tolist(), strict=True):
+        for k, place in zip(automaton.parts.sliders, places.tolist(), strict=True):
             element = self._oscillator._elements[k]
             row = element.row(len(x))
             stretch = element.sign * (float(row @ x) - place)

@@ -28,17 +28,14 @@ class TaylorAutomaton(JoinedModes):
     ----------
     first : list of int
         Number of the first guard of each mode.
-    sliders : dict
-        Number of the slider's coordinate, by number of the element.
     table : (guards, 4)
         For each guard: its mode, its element, the next mode, and the kind of the event.
     """
 
-    def __init__(self, structure: Structure, scene: Scene) -> None:
+    def __init__(self, structure: Structure, scene: Scene, parts: Parts) -> None:
         self._structure, self._scene = structure, scene
         self._elements = scene.elements
-        self.parts = Parts(scene.elements, structure, scene.normal)
-        self.sliders = {k: scene.size + i for i, k in enumerate(scene.sliders)}
+        self.parts = parts
         self._forget()
         self.first: list[int] = []
         hit = any(isinstance(element, HardStop) for element in scene.elements)
@@ -63,7 +60,7 @@ class TaylorAutomaton(JoinedModes):
         now, number = self.parts.now(regimes), len(self.modes)
         grips, riding = self.parts.grips(regimes), self.parts.riding(regimes)
         watched = self.parts.watches(regimes, riding)
-        watched.sort(key=lambda pair: (pair[1].at_once, pair[0] in self.sliders))
+        watched.sort(key=lambda pair: (pair[1].at_once, pair[0] in self.parts.sliders))
         mode = TaylorMode(self._scene, now, grips, watched, self.parts.tractions(regimes))
         self.first.append(len(self.guards))
         self.modes.append(mode)

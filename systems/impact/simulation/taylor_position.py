@@ -273,6 +273,6 @@ class Position:
     def _slide(self, before: int, *, halts: bool) -> None:
         """Note which sliders another mode begins to hold, or lets slide; and whether at rest."""
         regimes = self._automaton.regimes
-        for j in self._automaton.sliders:
+        for j in self._automaton.parts.sliders:
             if regimes[before][j] != regimes[self._number][j]:
                 self._motion[j], self._speed[j] = SWITCHED, 0.0 if halts else math.nan

@@ -167,7 +167,7 @@ def beginnings(system: Any, itinerary: Itinerary) -> list[Begun]:
         k, after = event.element, itinerary[(i + 1) % len(itinerary)].mode
         if k < 0:  # a time at which nothing happens
             continue
-        landed = [j for j, stop in system._automaton.parts.normal.items() if stop == k]
+        landed = [j for j, stop in system._parts.normal.items() if stop == k]
         begins = [j for j in ([] if event.chatters else [k]) + landed if j in after.held]
         found += [
             Begun(i, after, element, guard, 1.0)
@@ -179,7 +179,7 @@ def beginnings(system: Any, itinerary: Itinerary) -> list[Begun]:
         if watch.event == HALT and k not in after.held:
             numbers = list(after.numbers)
             numbers[k] = watch.to
-            stuck = regimes_of(system, system._automaton.parts.settled(numbers))
+            stuck = regimes_of(system, system._parts.settled(numbers))
             way = [g for g, w in enumerate(regimes[watch.to].guards) if w.to == after.numbers[k]]
             if k in stuck.held and way:
                 found.append(Begun(i, stuck, k, way[0], -1.0))
@@ -432,7 +432,7 @@ class TouchingGuard(Touching):
             return self._with(x, p, [Happening(mode, k, self.number, mode)])
         numbers = list(mode.numbers)
         numbers[k] = watch.to
-        there = regimes_of(system, system._automaton.parts.settled(numbers))
+        there = regimes_of(system, system._parts.settled(numbers))
         if there.numbers[k] != watch.to:
             return None
         back = _way_back(system, there, k, number)
@@ -524,7 +524,7 @@ def _way_back(system: Any, mode: Regimes, k: int, number: int) -> list[Happening
             if watch.to not in seen:
                 seen.add(watch.to)
                 numbers = [watch.to if j == k else own for j, own in enumerate(now.numbers)]
-                settled = system._automaton.parts.settled(numbers)
+                settled = system._parts.settled(numbers)
                 ways.append((regimes_of(system, settled), events))
     return []
 

@@ -142,7 +142,7 @@ def guess_of(
         seen = seen._replace(states=seen.states - (first - along.removed(first)))
     if sizes is None:
         sizes = _sizes(system, state, seen, length)
-    for k in system._automaton.sliders:
+    for k in system._parts.sliders:
         if not any(event.mode.numbers[k] for event in seen.events):
             raise NoConvergence(_STUCK.format(system._elements[k]))
     driven = system._excitation.turns

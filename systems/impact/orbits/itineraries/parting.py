@@ -21,9 +21,9 @@ _PARTS = 1e-6
 def at_once(system: Any, event: Happening, after: Regimes) -> list[Happening]:
     """An event of a slider, and those of the other sliders that yield or halt with it, in turn."""
     k, now, found = event.element, event.mode, [event]
-    if event.kicked or k not in system._automaton.sliders:
+    if event.kicked or k not in system._parts.sliders:
         return found
-    changed = {j for j in system._automaton.sliders if now.numbers[j] != after.numbers[j]}
+    changed = {j for j in system._parts.sliders if now.numbers[j] != after.numbers[j]}
     done = [k]
     for j in sorted(changed - {k}):
         watches = enumerate(system._elements[j].regimes[now.numbers[j]].guards)
