@@ -153,13 +153,7 @@ class ExponentialSum:
     @property
     def band(self) -> float:
         """Half width of the rounding band: (8 + slots) 2^-52 times the sum of the amplitudes."""
-        from dynkit.exponential.evaluation_kernels import BOUND
-
-        sums, state = self._prepared
-        slots = state.shape[1]
-        rows: Array = sums.rows
-        reach = float((rows[BOUND : BOUND + 2] * abs(state)).sum())
-        return float((8.0 + slots) * 2.0**-52 * (reach + abs(self.offset)))
+        return band(*self._prepared)
 
     def first_root(
         self, *, rising_from: float | None = None, limit: int = 1_000_000, touches: bool = True
@@ -232,3 +226,12 @@ def _displaced(band: float, rate: float, curvature: float) -> float:
     down = abs(rate) + math.sqrt(max(rate * rate - bent, 0.0))
     by_slope = 2.0 * band / down if down else math.inf
     return min(by_slope, 2.0 * math.sqrt(band / abs(curvature)) if curvature else math.inf)
+
+
+def band(sums: Any, state: Array) -> float:
+    """Half width of the rounding band of a sum as the kernels take it, at a state (2, slots)."""
+    from dynkit.exponential.evaluation_kernels import BOUND
+
+    rows, seen = sums.rows[BOUND : BOUND + 2], sums.rows.shape[1]
+    reach = float((rows * abs(state[:, :seen])).sum())
+    return float((8.0 + seen) * 2.0**-52 * (reach + abs(sums.offset)))

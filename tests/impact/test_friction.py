@@ -459,3 +459,32 @@ def test_a_motion_that_ends_where_friction_begins_to_slip_goes_on_in_its_directi
     on = machine.simulate(impacts=1, start=record.final)
     late = record._run.duration
     assert abs(on.sample(times)[0] - record.sample(times + late)[0]).max() < 1e-13
+
+
+@pytest.mark.parametrize("seed", range(8))
+def test_friction_holds_what_moves_by_rounding_alone(seed: int) -> None:
+    # All is at rest against a stop while forces act: terms of the slip are far larger than itself.
+    rng = np.random.default_rng(seed)
+    force, gap, restitution, ground, frequency = rng.uniform(
+        [0.2, 0, 0.1, 0.05, 0.5], [1, 0.1, 0.9, 0.6, 2]
+    )
+    system = MatrixOscillator(
+        M=np.diag([1.0, 0.5]),
+        C=0.1 * np.array([[1.0, -1.0], [-1.0, 1.0]]),
+        K=[[1.0, -1.0], [-1.0, 1.0]],
+        frequency=frequency,
+        harmonic_forces=[force, -force],
+        elements=[
+            HardStop((0, 1), offset=-gap, restitution=restitution),
+            DryFriction(1, force=ground),
+        ],
+    )
+    place, phase = rng.uniform([-0.1, 0.0], [0.1, 6.28])
+    exact = system.simulate(
+        impacts=2, start=system.impact_state(np.array([place, 0.0, 0.0, phase]))
+    )
+    for velocity in (1e-17, -1e-17, 1e-16, -1e-16, 1e-15, -1e-15):
+        start = system.impact_state(np.array([place, velocity, 0.0, phase]))
+        record = system.simulate(impacts=2, start=start)
+        assert record.time == pytest.approx(exact.time, abs=1e-10)
+        assert record.position[-1] == pytest.approx(exact.position[-1], abs=1e-10)

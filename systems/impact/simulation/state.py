@@ -13,6 +13,7 @@ import numpy as np
 
 from dynkit.core.no_motion import Diverged, Refused
 from dynkit.core.validation import Array, finite_array
+from dynkit.exponential.sums import band
 from dynkit.systems.impact.modes.constrained import rides
 from dynkit.systems.impact.modes.curves import CurvedContact
 from dynkit.systems.impact.modes.structure import independent
@@ -373,7 +374,8 @@ def sticking(
         if any(regime.sticks for regime in element.regimes) and not off:
             row = oscillator._functions[k].gradient(x)
             speed = element.drift + element.swing_rate(oscillator.frequency, *turn.tolist())
-            still = abs(float(row @ v) - speed) <= TOUCHED * (_rounding(row, v) + abs(speed))
+            slip, size = abs(float(row @ v) - speed), _rounding(row, v) + abs(speed)
+            still = slip <= TOUCHED * size or slip <= _hidden(oscillator, k, slip, x, v, turn)
             if still and parts.along(touched, k) is False:
                 found.append(k)
         elif any(regime.holds for regime in element.regimes) and k >= len(oscillator._stops):
@@ -407,6 +409,25 @@ def _rounding(row: Array, part: Array) -> float:
     """Size of what rounds a sum along a row: changes of coordinates mix all of them."""
     return float(abs(row).sum() * abs(part).max())
 
+
+def _hidden(
+    oscillator: DrivenStructure, k: int, slip: float, x: Array, v: Array, turn: Array
+) -> float:
+    """The slip of friction that rounding hides in the sum that watches it; 0 where it is large.
+
+    The terms of the sum may be large where all masses are at rest: those of the steady response.
+    """
+    free, automaton = oscillator._free, oscillator._automaton
+    slow = oscillator.frequency * abs(x).max() + abs(v).max()
+    if oscillator._motion is not None or slip > _SLOW * (slow + abs(free.forced.turning).max()):
+        return 0.0
+    more = np.zeros(oscillator._size - len(x))
+    q = free.coordinates(np.append(x, more), np.append(v, more), *turn)
+    return 2.0 * band(automaton.guards[automaton.guard(0, k)].sum, free.states(q, *turn))
+
+
+_SLOW = 1e-6
+"""Of the velocities of a machine: faster slip is never hidden."""
 
 TOUCHED = 2.0**-46
 """Of what a gap is the difference of: where it is zero, changes of coordinates leave less."""
