@@ -15,7 +15,7 @@ from dynkit.orbits.newton import Correction, NoSolution
 from dynkit.orbits.problem import PeriodicProblem
 from dynkit.systems.impact.elements.stops import HardStop
 from dynkit.systems.impact.modes.free_motion import free_motion
-from dynkit.systems.impact.orbits.itineraries import divided, responses, shooting
+from dynkit.systems.impact.orbits.itineraries import divided, passage, responses
 from dynkit.systems.impact.orbits.itineraries.borders import Begun, beginnings
 from dynkit.systems.impact.orbits.itineraries.correcting import TableCorrector, corrector_of
 from dynkit.systems.impact.orbits.itineraries.happening import Happening, Itinerary
@@ -219,7 +219,7 @@ class ImpactProblem(PeriodicProblem, WatchedProblem):
         self._known = [(key, scene), *self._known[:7]]
         return scene
 
-    def _scene(self, p: Array) -> responses.Scene | shooting.Scene:
+    def _scene(self, p: Array) -> responses.Scene | passage.Scene:
         """What solutions at these values (k,) share."""
         if self.responds and self.plain:
             # No need of a system for each value.
@@ -235,7 +235,7 @@ class ImpactProblem(PeriodicProblem, WatchedProblem):
         if parts.falls and system._motion is None:
             for mode in {event.mode for event in self.itinerary}:
                 parts.check_slopes(machine.dashpots(mode))
-        return shooting.Scene(machine, system, self._measures)
+        return passage.Scene(machine, system, self._measures)
 
     @cached_property
     def windows(self) -> Windows:

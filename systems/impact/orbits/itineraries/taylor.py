@@ -18,7 +18,8 @@ from dynkit.systems.impact.orbits.itineraries import divided
 from dynkit.systems.impact.orbits.itineraries.flying import TaylorFlights
 from dynkit.systems.impact.orbits.itineraries.itinerary import Course
 from dynkit.systems.impact.orbits.itineraries.motion import ROUNDING, Lap
-from dynkit.systems.impact.orbits.itineraries.shooting import Scene, ShootingSolution
+from dynkit.systems.impact.orbits.itineraries.passage import Scene
+from dynkit.systems.impact.orbits.itineraries.shooting import ShootingSolution
 from dynkit.systems.impact.orbits.machine import Machine, Numbers
 
 if TYPE_CHECKING:
