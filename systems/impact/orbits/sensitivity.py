@@ -86,10 +86,10 @@ def map_derivative_by(oscillator: ImpactMap, state: ImpactState, change: Array) 
             row = _row(m, system, mode, guard)
             if lasts > 0.0 and hit and guard.watch.force and began == times[-1]:
                 row = m.gap(run.final.element)  # by the impact that follows
-            rate, value = float(row.real @ flow.real @ z.real), row @ z
-            at = run.segments, k, guard, value.real, rate, m.frequency.real
+            rates, value = row.real * (flow.real @ z.real), row @ z
+            at = run.segments, k, guard, value.real, rates, m.frequency.real
             comes = lasts > 0.0 or comes_by_itself(*at)
-            later = -float(value.imag) / STEP / rate if comes else 0.0
+            later = -float(value.imag) / STEP / float(rates.sum()) if comes else 0.0
         z, late = z + 1j * STEP * later * (flow.real @ z.real), late + later
         if k < last:
             z = m.caught(mode, _regimes(system, run, number, 2)) @ z

@@ -29,13 +29,13 @@ class Ending(Enum):
     NO_FURTHER_CONTACT = "no mass can reach a stop any more"
     CONTACT_FOR_EVER = "the mass stays on the stop for ever"
     SEARCH_LIMIT = "no further impact was found within the search limit"
-    REPEATS = "the motion repeats itself without an impact"
     DIED_OUT = "the motion has died out on the stop, its impacts too small for doubles"
     JAMMED = "the machine is jammed: a stop is in the way of what others hold"
     COLLAPSED = "stops are hit in turn without end, and in no time"
     HANGS = "a mass hangs at the edge of a preloaded stop, which it crosses without end"
     CYCLE_ENDED = "nothing drives the motion, and it does not return to its section any more"
     PARADOX = "friction at a contact is so large that the contact force has no unique value"
+    REPEATS = "the motion repeats itself without an impact"
 
 
 @final

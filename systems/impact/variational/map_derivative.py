@@ -178,7 +178,7 @@ class _Way:
             rate = mode.rate(begin).ravel()
             speed, value = float(row @ rate), float(row @ begin.ravel()) + reached.sum.offset
             later = 0.0 * (row @ derivative)
-            if comes_by_itself(s, k, reached, value, speed, self.oscillator.frequency):
+            if comes_by_itself(s, k, reached, value, row * rate, self.oscillator.frequency):
                 later = -(row @ derivative) / speed
             return begin, rate, derivative, later
         if not self._flies_low(point, k, reached):

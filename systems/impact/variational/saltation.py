@@ -27,7 +27,8 @@ from dynkit.systems.impact.elements.element import HALT, EventKind
 from dynkit.systems.impact.modes.mode import transformed
 
 _AT_ONCE = 1e-9
-"""Events nearer to each other than this many radians of the forcing happen at once."""
+"""Events nearer to each other than this many radians of the forcing happen at once. And part of the
+rates of which a speed is a sum: less is rounding."""
 
 if TYPE_CHECKING:
     from dynkit.systems.impact.simulation.driven_structure import DrivenStructure
@@ -35,15 +36,17 @@ if TYPE_CHECKING:
 
 
 def comes_by_itself(
-    s: Segments, k: int, guard: Any, value: float, speed: float, frequency: float
+    s: Segments, k: int, guard: Any, value: float, rates: Array, frequency: float
 ) -> bool:
     """Whether the event after segment k of no duration is not what the one before it brought about.
 
-    So it is where a machine is symmetric: what a guard watches just falls to zero at a speed. Of
-    friction that sticks from an impact on, the slip is zero as well.
+    So it is where a machine is symmetric: what a guard watches is zero, and falls at a speed, the
+    sum of the rates, which is more than their rounding. Of friction that sticks from an impact on,
+    the slip is zero as well.
     """
+    speed, size = float(rates.sum()), float(abs(rates).sum())
+    just = speed < -_AT_ONCE * size and abs(value) * frequency <= -_AT_ONCE * speed
     sticks = guard.watch.event == HALT and s.kind[k] == EventKind.IMPACT
-    just = speed < 0.0 and abs(value) * frequency <= -_AT_ONCE * speed
     return just and not sticks and bool(s.element[k] != guard.element)
 
 

@@ -70,7 +70,7 @@ def followed(oscillator: DrivenStructure, run: Trajectory, lifted: Array) -> tup
                 row = mode.gradient(number, state)
                 speed = float(row @ rate)
                 comes = duration > 0.0 or comes_by_itself(
-                    s, i, guard, mode.watched(number, state)[0], speed, oscillator.frequency
+                    s, i, guard, mode.watched(number, state)[0], row * rate, oscillator.frequency
                 )
                 later = -(row @ out) / speed if comes else 0.0 * ended
             out = out + np.outer(rate, later)

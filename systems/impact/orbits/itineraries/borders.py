@@ -297,10 +297,11 @@ class VanishingInterval(Border):
     def value(self, solution: ItinerarySolution) -> float:
         first, second = self._events(solution.itinerary)
         self.ends = first.element == second.element
+        if solution.events == 1:
+            return math.inf
         value = float(solution.durations[self.part] / solution.period)
         # events of a symmetric machine stay at once
-        together = not self.ends and abs(value) <= AT_ONCE
-        return math.inf if together or solution.events == 1 else value
+        return 0.0 if not self.ends and abs(value) <= AT_ONCE else value
 
     def _events(self, itinerary: Itinerary) -> tuple[Happening, Happening]:
         return itinerary[self.part], itinerary[(self.part + 1) % len(itinerary)]

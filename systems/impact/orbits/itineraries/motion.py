@@ -25,7 +25,7 @@ LATE = 2.0 * 2.0**-52
 SAME = 1e-6
 """In units of a period: how far a simulated event may be from that of the orbit."""
 
-AT_ONCE = 1e-12
+AT_ONCE = 2.0**-45
 """In units of a period: events so near happen at once, as of a symmetric machine."""
 
 
