@@ -187,6 +187,11 @@ class Element(ABC):
         elif isinstance(given, tuple | list) and len(given) == 2 and all(map(_is_index, given)):
             self._set("coordinate", (int(given[0]), int(given[1])))
         elif not _is_index(given):
+            if np.ndim(given) == 0:
+                raise ValueError(
+                    "coordinate must be the number of a coordinate, a pair of numbers, N real "
+                    f"numbers or a name; got {given!r}"
+                )
             self._set("coordinate", tuple(finite_array("coordinate", given, (None,)).tolist()))
 
     @final
