@@ -150,14 +150,24 @@ def test_branches_hold_the_borders_of_one_mass() -> None:
 
 @pytest.mark.parametrize("mass", [0, 1])
 def test_a_parameter_parts_the_events(mass: int) -> None:
+    # Each order of the events is a motion on one side; the border leads to the other one.
+    parameter, bounds = f"elements[{mass}].offset", (-0.11, -0.09)
     orbit = pair("soft stops").attractor(transient=400, impacts=40).periodic_orbit()
-    branch = continue_orbit(orbit, f"elements[{mass}].offset", bounds=(-0.1, -0.09))
-    beside = (branch.parameter > -0.0999) & (branch.parameter < -0.0905)
-    assert beside.sum() >= 2
-    assert branch.admissible[beside].all()
-    there = branch.orbit(int(np.flatnonzero(beside)[-1]))
-    again = there.system.attractor(transient=600, impacts=40).periodic_orbit()
-    assert np.poly(there.multipliers) == pytest.approx(np.poly(again.multipliers), abs=1e-9)
+    branch = continue_orbit(orbit, parameter, bounds=bounds)
+    border = branch.bifurcations[0]
+    assert abs(border.value + 0.1) <= border.error < 1e-10
+    assert "at once" in border.touching
+    (other,) = border.switch()
+    sides = []
+    for part in (branch, continue_orbit(other, parameter, bounds=bounds)):
+        near = abs(abs(part.parameter + 0.1) - 0.005) < 0.004
+        (side,) = {float(v) for v in np.sign(part.parameter + 0.1)[near & part.admissible]}
+        assert (part.admissible[near] == (side * (part.parameter[near] + 0.1) > 0.0)).all()
+        sides.append(side)
+        there = part.orbit(int(np.flatnonzero(near & part.admissible)[-1]))
+        again = there.system.attractor(transient=600, impacts=40).periodic_orbit()
+        assert np.poly(there.multipliers) == pytest.approx(np.poly(again.multipliers), abs=1e-9)
+    assert sorted(sides) == [-1.0, 1.0]
 
 
 def test_hard_stops_that_are_hit_at_once_are_refused_by_name() -> None:

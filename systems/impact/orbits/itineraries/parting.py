@@ -11,7 +11,7 @@ from dynkit.core.validation import Array
 from dynkit.systems.impact.elements.element import JUMP
 from dynkit.systems.impact.orbits.itineraries.happening import Happening
 from dynkit.systems.impact.orbits.itineraries.itinerary import regimes_of
-from dynkit.systems.impact.orbits.itineraries.motion import AT_ONCE, SAME
+from dynkit.systems.impact.orbits.itineraries.motion import SAME
 from dynkit.systems.impact.orbits.machine import Regimes
 
 _PARTS = 1e-6
@@ -58,7 +58,7 @@ def parted(problem: Any, x: Array, way: float) -> tuple[Any, Array]:
     pairs = zip(problem.itinerary, s.following, strict=True)
     groups = [at_once(system, event, after.mode) for event, after in pairs]
     if all(len(group) == 1 for group in groups):
-        return _in_turn(problem, x, way) if _runs(s, AT_ONCE) else (problem, x)
+        return problem, x
     stations = problem._stations(s)
 
     def of(orders: list[list[list[Happening]]]) -> tuple[Any, Array]:
@@ -79,20 +79,6 @@ def parted(problem: Any, x: Array, way: float) -> tuple[Any, Array]:
     whole, y = of([[[event] for event in group] for group in groups])
     speeds = iter(_speeds(whole, y, way))
     return of([_in_parts(group, [next(speeds) for _ in group]) for group in groups])
-
-
-def _in_turn(problem: Any, x: Array, way: float) -> tuple[Any, Array]:
-    """The same where events of several elements happen at once, in the order beyond."""
-    s, speeds = problem.at(x, problem.values), _speeds(problem, x, way)
-    stations, found = problem._stations(s), False
-    for run in _runs(s, AT_ONCE):
-        order = sorted(run, key=lambda k: round(speeds[k] / _PARTS))
-        events = _ordered(problem, s, run, order)
-        for n, event in zip(run, events, strict=False):
-            stations[n] = stations[n]._replace(event=event)
-        found = found or (order != run and bool(events))
-    there: tuple[Any, Array] = problem._of(x, stations) if found else (problem, x)
-    return there
 
 
 def _speeds(problem: Any, x: Array, way: float) -> list[float]:
@@ -128,17 +114,17 @@ def reversed_order(problem: Any, x: Array, p: Array, i: int) -> tuple[Any, Array
     """
     s = problem.at(x, p)
     stations, found = problem._stations(s), False
-    for run in _runs(s, SAME):
-        events = _ordered(problem, s, run, run[::-1])
-        for n, event in zip(run, events, strict=False):
+    for run in _runs(s):
+        order = _reversed(problem, s, run)
+        for n, event in zip(run, order, strict=False):
             stations[n] = stations[n]._replace(event=event)
-        found = found or (i in run[:-1] and bool(events))
+        found = found or (i in run[:-1] and bool(order))
     return problem._of(x, stations) if found else None
 
 
-def _runs(s: Any, within: float) -> list[list[int]]:
-    """Numbers of events that happen at once, to a part of the period; each run in turn."""
-    n, near = s.events, abs(s.durations) <= within * s.period
+def _runs(s: Any) -> list[list[int]]:
+    """Numbers of events that happen at once, each run in turn."""
+    n, near = s.events, abs(s.durations) <= SAME * s.period
     first = next((k + 1 for k in range(n) if not near[k]), 0)
     runs: list[list[int]] = []
     for k in range(first, first + n):
@@ -148,8 +134,8 @@ def _runs(s: Any, within: float) -> list[list[int]]:
     return [run for run in runs if len(run) > 1]
 
 
-def _ordered(problem: Any, s: Any, run: list[int], order: list[int]) -> list[Happening]:
-    """The events of a run in another order; empty where there is none."""
+def _reversed(problem: Any, s: Any, run: list[int]) -> list[Happening]:
+    """The events of a run in the reverse order; empty where there is none."""
     events, mode = [s.itinerary[k] for k in run], s.itinerary[run[0]].mode
     own = [event.element for event in events]
     regimes = zip(events, own, strict=True)
@@ -159,8 +145,7 @@ def _ordered(problem: Any, s: Any, run: list[int], order: list[int]) -> list[Hap
     if kicks or not (apart and same) or (problem.sticks and set(run) & set(problem.nodes)):
         return []
     found, numbers = [], list(mode.numbers)
-    for k in order:
-        event = s.itinerary[k]
+    for k, event in zip(reversed(run), reversed(events), strict=True):
         found.append(event._replace(mode=regimes_of(problem.oscillator, numbers)))
         changes = zip(event.mode.numbers, s.following[k].mode.numbers, strict=True)
         for n, (before, after) in enumerate(changes):
