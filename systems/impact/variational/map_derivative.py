@@ -121,9 +121,11 @@ class _Way:
         for k in range(first, last + 1):
             guard = self.guards[s.guard[k + 1]]
             mode = self.modes[guard.mode]
-            y, rate, derivative, later = self._flown(point, k, derivative)
-            if k == last and not self.hit and not oscillator._cycled:
-                later = -time  # a period of the forcing ends when it does
+            # a period of the forcing ends when it does
+            closes = k == last and not self.hit and not oscillator._cycled
+            y, rate, derivative, later = self._flown(
+                point, k, derivative, -time if closes else None
+            )
             # Time also moves the phase: it is part of the rate, through sine and cosine.
             derivative = derivative + np.outer(rate, later)
             time += later
@@ -169,21 +171,28 @@ class _Way:
             out[where] = np.concatenate([*parts, phase[where][:, None]], axis=1)
         return out
 
-    def _flown(self, point: int, k: int, derivative: Array) -> tuple[Array, Array, Array, Array]:
-        """State, rate and derivative (2 slots, d) after a flight, and by how much later it ends."""
+    def _flown(
+        self, point: int, k: int, derivative: Array, given: Array | None
+    ) -> tuple[Array, Array, Array, Array]:
+        """State, rate and derivative (2 slots, d) after a flight, and by how much later it ends.
+
+        The latter may be given.
+        """
         s, reached = self.run.segments, self.guards[self.reached[k]]
         mode, row = self.modes[reached.mode], _row(reached.sum, 0)
         begin = s.of(mode, k)
         if self.ends[k] is None:
             rate = mode.rate(begin).ravel()
             speed, value = float(row @ rate), float(row @ begin.ravel()) + reached.sum.offset
-            later = 0.0 * (row @ derivative)
-            if comes_by_itself(s, k, reached, value, row * rate, self.oscillator.frequency):
+            later = 0.0 * (row @ derivative) if given is None else given
+            own = s, k, reached, value, row * rate, self.oscillator.frequency
+            if given is None and comes_by_itself(*own):
                 later = -(row @ derivative) / speed
             return begin, rate, derivative, later
         if not self._flies_low(point, k, reached):
             flown, rate = self.flows[k] @ derivative, self.rates[k]
-            return self.ends[k], rate, flown, _later(row @ flown, float(row @ rate))
+            later = _later(row @ flown, float(row @ rate)) if given is None else given
+            return self.ends[k], rate, flown, later
         risen, moved = _low_flight(mode, begin, derivative, float(self.lasts[k]))
         y = begin + risen
         speed = float(self.run.speeds[point] + _row(reached.sum, 2) @ risen.ravel())
