@@ -45,7 +45,7 @@ if TYPE_CHECKING:
 
 TWO_PI = 2.0 * math.pi
 
-_IMPACTS, _NUMBERS = 256, 1_000_000
+_IMPACTS, _NUMBERS = 32, 1_000_000
 """Number of impacts, and of numbers in their derivatives, that are followed together."""
 
 
@@ -336,11 +336,16 @@ class ImpactMap(DrivenStructure, Map):
     def _followed(
         self, state: Array, most: int
     ) -> tuple[Array, list[tuple[Array, Array]], Sequence[float]]:
-        alone = self._motion is not None
+        start = self.impact_state(state)
+        alone = self._motion is not None or start.closed
         wanted = 1 if alone else max(1, min(most, _IMPACTS, _NUMBERS // self.dimension**2))
-        run = self._run(self.impact_state(state), wanted, store=True)
+        run = self._run(start, wanted, store=True)
         if run.impacts < wanted:
             raise NoCrossing(f"there is no next impact: {run.ending.value}")
+        grips = self._automaton.parts.grips
+        held = [any(grips(run.regimes[k])) for k in run.guards[run.log.guard[:-1], 0].tolist()]
+        if True in held:  # from there neighbouring states begin with what holds them
+            run = self._run(start, held.index(True) + 1, store=True)
         factors = derivatives(self, run)
         off = self.accuracy * np.linalg.norm(factors, axis=(1, 2))
         found = list(zip(factors[:, None], off[:, None], strict=True))
