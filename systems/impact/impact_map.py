@@ -342,10 +342,11 @@ class ImpactMap(DrivenStructure, Map):
         run = self._run(start, wanted, store=True)
         if run.impacts < wanted:
             raise NoCrossing(f"there is no next impact: {run.ending.value}")
-        grips = self._automaton.parts.grips
-        held = [any(grips(run.regimes[k])) for k in run.guards[run.log.guard[:-1], 0].tolist()]
-        if True in held:  # from there neighbouring states begin with what holds them
-            run = self._run(start, held.index(True) + 1, store=True)
+        modes = run.guards[run.log.guard[:-1], 0].tolist()
+        holding = {k for k in set(modes) if any(self._automaton.parts.grips(run.regimes[k]))}
+        cut = next((n for n, k in enumerate(modes, 1) if k in holding), wanted)
+        if cut < wanted:  # from there neighbouring states begin with what holds them
+            run = self._run(start, cut, store=True)
         factors = derivatives(self, run)
         off = self.accuracy * np.linalg.norm(factors, axis=(1, 2))
         found = list(zip(factors[:, None], off[:, None], strict=True))
