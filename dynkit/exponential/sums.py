@@ -234,4 +234,4 @@ def band(sums: Any, state: Array) -> float:
 
     rows, seen = sums.rows[BOUND : BOUND + 2], sums.rows.shape[1]
     reach = float((rows * abs(state[:, :seen])).sum())
-    return float((8.0 + seen) * 2.0**-52 * (reach + abs(sums.offset)))
+    return float((8.0 + state.shape[1]) * 2.0**-52 * (reach + abs(sums.offset)))
