@@ -245,7 +245,7 @@ class Course:
             self._switch(number)
 
     def _stretch(self) -> None:
-        """Sliders that nothing moves, and that are at their limits but for rounding, are there."""
+        """Sliders that stick, and that are at their limits but for rounding, are there."""
         clock_kernels, automaton = _kernels()[0], self._oscillator._automaton
         mode = automaton.guards[int(self._clock[clock_kernels.GUARD])].mode
         x, places = self._start.position, self._start.sliders
@@ -254,9 +254,9 @@ class Course:
             row = element.row(len(x))
             stretch = element.sign * (float(row @ x) - place)
             rounding = TOUCHED * (float(abs(row) @ abs(x)) + abs(place))
-            rides = self._tables.slides[mode, k] == RIDES
-            if rides and abs(stretch) >= element.reach - rounding:
-                self._left[k, clock_kernels.AT_LIMIT] = math.copysign(RIDES, stretch)
+            now = int(self._tables.slides[mode, k])
+            if now in (0, RIDES) and abs(stretch) >= element.reach - rounding:
+                self._left[k, clock_kernels.AT_LIMIT] = math.copysign(max(now, 1), stretch)
 
     def _switch(self, number: int) -> None:
         """Enter the mode that a guard leads to."""
