@@ -248,6 +248,24 @@ def test_twins_search_for_no_longer_than_the_run_whose_error_they_give(
     assert max(twin.cells for twin in twins) < 200_000
 
 
+ALONE = ImpactChain(masses=2, frequency=0.9)
+
+
+@pytest.mark.parametrize(
+    "system",
+    [ALONE, PlayOscillator(play=0.7, amplitude=0.0, frequency=1.3, force=1.0, restitution=0.8)],
+    ids=["a stop alone", "several stops"],
+)
+def test_twins_run_in_the_machine_code_of_the_run_whose_error_they_give(system: Any) -> None:
+    from dynkit.systems.impact.simulation import change_kernels, loop_kernels
+
+    kernels: list[Any] = [loop_kernels.run, change_kernels.change]
+    record = system.simulate(impacts=200)
+    known = [list(kernel.signatures) for kernel in kernels]
+    assert record.error[0] > 0.0
+    assert [kernel.signatures for kernel in kernels] == known
+
+
 @pytest.mark.parametrize("decided", [0, 2, 4])
 def test_the_error_is_infinite_from_the_impact_that_a_twin_cannot_decide(
     decided: int, monkeypatch: pytest.MonkeyPatch

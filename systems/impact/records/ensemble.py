@@ -79,7 +79,7 @@ class Ensemble:
         given = contact, near, most, beside, *limits
         clock, left, _, switches, work, _, waits = buffers
         work.codes[:] = WANTED_CODE  # a member does not wait until they are compiled
-        fill_codes(gap, tables, clock, left, beside, None, limits[0], noted, switches, work, waits)
+        fill_codes(gap, tables, clock, left, beside, 0.0, limits[0], noted, switches, work, waits)
         first = 0
         while first < len(able):
             first = arrive(tables, orbits, *given, first, members, *buffers)

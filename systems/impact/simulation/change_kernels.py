@@ -135,7 +135,7 @@ def _rests(
     clock: Array,
     left: Array,
     beside: int | None,
-    noise: float | None,
+    noise: float,
     band_factor: float,
     switches: Switches,
     work: Workspace,
@@ -204,7 +204,7 @@ def _rests(
         if u > 0.0:
             # Largest change of a position or velocity, to first order.
             clock[CHATTER_ERROR] += tables.coupling[k] * lost
-            if noise is not None:
+            if noise > 0.0:
                 perturb_cut(tables.excursion[k], lost, y, clock)
                 transform(tables.change[tables.row[k]], y, START, 0)
         copy(y, KEPT if scraping else START, LEFT)
@@ -229,7 +229,7 @@ def _leaves(
     clock: Array,
     left: Array,
     beside: int | None,
-    noise: float | None,
+    noise: float,
     band_factor: float,
     impacts: Impacts,
     switches: Switches,
@@ -250,7 +250,7 @@ def _leaves(
     slots = tables.slots[target, : tables.counts[target]]
     transform(tables.change[tables.row[best]], y, FOUND, START)
     normalise(y, after.steady)
-    if noise is not None:
+    if noise > 0.0:
         perturb_released(tables.change[tables.row[best]], slots, after.steady, y, clock, own, noise)
         perturb_reached(after.generator, slots, y, clock, noise)
     move_on(clock, left, tables.element[best], n, ladders.smallest[m], e, tables.clock_rate)
@@ -288,7 +288,7 @@ def change(
     clock: Array,
     left: Array,
     beside: int | None,
-    noise: float | None,
+    noise: float,
     band_factor: float,
     impacts: Impacts,
     switches: Switches,

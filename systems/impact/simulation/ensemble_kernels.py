@@ -148,7 +148,7 @@ def arrive(
                 left,
                 wanted,
                 beside,
-                None,
+                0.0,
                 band_factor,
                 limit,
                 pause,

@@ -148,7 +148,7 @@ def run(
     left: Array,
     count: int,
     beside: int | None,
-    noise: float | None,
+    noise: float,
     band_factor: float,
     limit: int,
     pause: int,
@@ -173,8 +173,8 @@ def run(
         Number of other elements. With None there are none, and the element is a hard stop whose
         restitution is a number: what only others need is not compiled.
     noise
-        Relative size of a pseudo-random perturbation after each event, for error estimates. With
-        None, what perturbs is not compiled.
+        Relative size of a pseudo-random perturbation after each event, for error estimates; 0 for
+        none.
     impacts, switches
         Logs, modified in place; that of impacts has `count` rows or none.
     work, waiting, waits
@@ -342,7 +342,7 @@ def run(
             move_on(clock, left, -1, n, smallest, e, tables.clock_rate)
             begin_period(gap.steady, y, clock, tables.period)
             clock[GUARD] = first
-            if noise is not None:
+            if noise > 0.0:
                 slots = tables.slots[m, : tables.counts[m]]
                 perturb(slots, gap.steady, y, clock, left[0], noise)
                 perturb_reached(gap.generator, slots, y, clock, noise)
@@ -384,7 +384,7 @@ def run(
             gap = ladder_at(ladders, at)
         if outcome == TOUCH:
             clock[TOUCHES] += 1.0
-            if noise is not None:
+            if noise > 0.0:
                 rate = perturb_touch(gap, band_factor, y, clock)
         rate = min(rate, 0.0)
         if beside is not None and beside > 0:
@@ -438,7 +438,7 @@ def run(
             jolt(tables, best, left, y)
         own[SPEED] = 0.0 - r * rate
         own[MOTION] = BOUNCED
-        if noise is not None:
+        if noise > 0.0:
             perturb(slots, gap.steady, y, clock, own, noise)
             perturb_reached(gap.generator, slots, y, clock, noise)
         if store:

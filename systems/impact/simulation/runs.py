@@ -119,7 +119,7 @@ def fill_codes(
     clock: Array,
     left: Array,
     beside: int | None,
-    noise: float | None,
+    noise: float,
     factor: float,
     impacts: Any,
     switches: Any,
@@ -129,7 +129,7 @@ def fill_codes(
     """Put addresses of machine code into ``work.codes``; compile what a run has paused for."""
     from dynkit.exponential.evaluation_kernels import CHANGE, LEAP, SEARCH, WANTED_CODE
 
-    for place, kind in ((LEAP, None), (SEARCH, None), (CHANGE, (beside is None, noise is None))):
+    for place, kind in ((LEAP, None), (SEARCH, None), (CHANGE, beside is None)):
         if work.codes[place] == WANTED_CODE and (place, kind) not in _ADDRESSES:
             from dynkit.exponential import certificate_kernels, search_kernels
             from dynkit.systems.impact.simulation.change_kernels import change
@@ -360,7 +360,7 @@ class Course:
         )
         done, ending, paradox = 0, kernels.RUN_PAUSED, False
         gap = self._oscillator._automaton.guards[0].sum
-        given = self._oscillator._automaton.beside, self._noise or None, band_factor(slots)
+        given = self._oscillator._automaton.beside, self._noise, band_factor(slots)
         limits = self._most_cells, cells_of_a_call(slots)
         while ending in kernels.AGAIN:
             rows = log._make([array[done:] for array in log]) if store and done else log
