@@ -129,11 +129,11 @@ def settles(oscillator: DrivenStructure, run: Trajectory) -> bool:
         2.0 * math.pi / oscillator.frequency,
         pairs.generator[:4, slots],
         bend,
-        float((bend * tables.kick[0, :2, : bend.shape[1]]).sum()),
+        tables.kick[0],
         oscillator.restitution,
         motion.vectors,
         np.empty((1, 4, n)),
-        np.stack([np.eye(2 * n)] * 2),
+        np.empty((2, 2 * n, 2 * n)),
     )
     return proved
 
