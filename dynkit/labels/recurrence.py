@@ -24,6 +24,10 @@ _SPLIT, _ROUNDING = 1e-10, 1e-13
 _FIT = 6
 # Least number of recurrences of a decay that is extrapolated, and its least fall: a factor 3.
 _DECAY_RECURRENCES, _DECAY_DEPTH = 10, np.log(3.0)
+# A decay that settles ends at most this many times as far away as the orbit that it approaches: at
+# least ten distances, from 1e4 down to the rounding, fall by a factor of exp(5.9) at most, by the
+# largest slope of a straight line through numbers in that interval.
+_STEEPEST = 400.0
 # Where states n apart differ by less than this, relative, an orbit of period kn may still settle
 # on one of period n.
 _CLOSE = 0.03
@@ -101,6 +105,8 @@ class Recurrences:
     def recurrent(self, tolerance: float) -> int | None:
         """Return the period n that recurs throughout the window; None when it is not certain."""
         likely = np.flatnonzero(self.from_last[: self.count // REPETITIONS] <= tolerance) + 1
+        if not len(likely):
+            return None
         # while a motion settles its first state has the largest distance: most n fail there
         first = self.distances(self._counterparts(0, likely), np.zeros_like(likely))
         for n in likely[first <= tolerance].tolist():
@@ -155,7 +161,10 @@ class Recurrences:
 
     def settling(self, near: float) -> int | None:
         """Return the period of the orbit, near in this distance, that the motion settles on."""
-        for n in [*proper_divisors(self._best), self._best] if self._best else []:
+        best = self._best
+        if not best or self.from_last[best - 1] > _STEEPEST * near:
+            return None
+        for n in [*proper_divisors(best), best]:
             decay = self._decay(n)
             # the smallest period that settles is the period: its multiples seem to settle faster
             if decay.settles:

@@ -57,10 +57,7 @@ def product_eigenvalues(factors: Any) -> Any:
     array([1.e+60+0.j, 1.e-60+0.j])
     """
     if len(factors) == 1:
-        real, imaginary, _, _, failed = dgeev(_checked(factors)[0], compute_vl=0, compute_vr=0)
-        if failed:
-            raise ArithmeticError("the QR algorithm must converge; it did not")
-        values = real + 1j * imaginary
+        values = _of_one(_checked(factors)[0])
         return values[np.lexsort((-values.imag, -values.real, -abs(values)))]
     mantissas, exponents = _eigenvalues(factors)
     with np.errstate(over="ignore", under="ignore"):
@@ -69,6 +66,9 @@ def product_eigenvalues(factors: Any) -> Any:
 
 def spectral_radius(factors: Any) -> float:
     """Return the largest modulus of the `product_eigenvalues`."""
+    if len(factors) == 1:
+        values = _of_one(_checked(factors)[0])
+        return float(abs(values[abs(values).argmax()]))
     return float(abs(product_eigenvalues(factors)[0]))
 
 
@@ -79,6 +79,14 @@ def disturbed_eigenvalues(factors: Array, errors: Array, random: np.random.Gener
     """
     changes = random.uniform(-1.0, 1.0, factors.shape)
     return product_eigenvalues(factors + errors[:, None, None] * changes)
+
+
+def _of_one(factor: Array) -> Any:
+    """Return the eigenvalues of one matrix, in the order of LAPACK."""
+    real, imaginary, _, _, failed = dgeev(factor, compute_vl=0, compute_vr=0)
+    if failed:
+        raise ArithmeticError("the QR algorithm must converge; it did not")
+    return real + 1j * imaginary
 
 
 def _checked(factors: Any) -> Array:

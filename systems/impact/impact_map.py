@@ -27,6 +27,7 @@ from dynkit.systems.impact.elements.parameters import (
 )
 from dynkit.systems.impact.modes.progression import Progression
 from dynkit.systems.impact.simulation.driven_structure import OF_TABLE, DrivenStructure
+from dynkit.systems.impact.simulation.rebounding import Rebounding
 from dynkit.systems.impact.simulation.runs import trajectory_of
 from dynkit.systems.impact.simulation.starts import entered, start
 from dynkit.systems.impact.simulation.state import (
@@ -188,7 +189,13 @@ class ImpactMap(DrivenStructure, Map):
 
     @cached_property
     def _default_start(self) -> ImpactState:
-        return self.state()
+        own = self._automaton
+        if not isinstance(own, Rebounding) or type(self).state is not ImpactMap.state:
+            return self.state()
+        if own.shared.start is None:  # it does not depend on the restitution
+            own.shared.start = self.state()._numbers
+        speed, element, motion, closed, q, turn = own.shared.start
+        return ImpactState(speed, element, motion, closed, self, q, turn)
 
     @property
     def start_size(self) -> int:

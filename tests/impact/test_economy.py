@@ -310,6 +310,14 @@ def test_the_default_start_is_made_once_and_stays_at_home() -> None:
     assert "_default_start" not in vars(pickle.loads(pickle.dumps(chain)))
 
 
+def test_runs_one_after_another_have_the_same_work_space(monkeypatch: pytest.MonkeyPatch) -> None:
+    chain = ImpactChain(masses=4, frequency=0.87)
+    first = chain.simulate(impacts=20)
+    monkeypatch.setattr(runs, "workspace", None)
+    again = chain.simulate(impacts=20)
+    assert again._run.log.states.tobytes() == first._run.log.states.tobytes()
+
+
 def test_a_run_has_one_work_space_for_all_modes_that_it_finds(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
@@ -324,6 +332,7 @@ def test_a_run_has_one_work_space_for_all_modes_that_it_finds(
     chain._structure.automata.clear()  # another oscillator may have entered contact
     for more in (1, 0):  # the first motion enters contact, and has room for its states made
         spaces.clear()
+        runs._LENT.clear()
         assert len(chain.simulate(impacts=100).sticking)
         assert len(spaces) == 1 + more
 

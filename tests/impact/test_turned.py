@@ -36,7 +36,7 @@ def test_a_turned_automaton_has_the_bits_of_a_new_one(name: str) -> None:
     system = SYSTEMS[name]
     system.simulate(impacts=30)  # enters more modes than the first
     for frequency in FREQUENCIES:
-        turned = system.replace(frequency=frequency)._automaton._shared
+        turned = system.replace(frequency=frequency)._automaton.shared
         new = Automaton(
             turned._structure,
             turned._excitation,
@@ -63,12 +63,12 @@ def test_the_kernel_of_a_table_alone_has_the_bits_of_that_of_all_elements(
     assert chain._automaton.beside is None
     start = chain.default_start
     runs = [trajectory_of(chain, start, 400, store=True, noise=noise)]
-    chain._automaton._shared.beside = 0
+    chain._automaton.shared.beside = 0
     try:
         chain._automaton.__dict__.pop("beside", None)
         runs.append(trajectory_of(chain, start, 400, store=True, noise=noise))
     finally:
-        chain._automaton._shared.beside = None
+        chain._automaton.shared.beside = None
     small, whole = runs
     for one, other in (
         *zip(vars(small.log).values(), vars(whole.log).values(), strict=True),

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from dynkit.core.validation import Array
 from dynkit.labels.label import OrbitKind, OrbitLabel
 from dynkit.labels.labelling import Window, label_orbit
+from dynkit.labels.recurrence import _STEEPEST, _Decay
 
 Numbers = NDArray[np.int64]
 StateAt = Callable[[Numbers], Array]
@@ -277,3 +278,11 @@ def test_a_recurrence_above_the_tolerance_tells_of_extrapolation() -> None:
 def test_bad_options_are_refused_by_name(option: dict[str, int], message: str) -> None:
     with pytest.raises(ValueError, match=message):
         label_orbit(Synthetic(cycle(1)), **option)
+
+
+@pytest.mark.parametrize("count", [10, 11, 20, 100])
+def test_no_decay_ends_farther_away_than_the_steepest(count: int) -> None:
+    # of numbers in an interval, those at its ends, in the order of size, have the steepest line
+    steps = np.where(np.arange(count) < count // 2, 1e4, 1.01e-13)
+    steps[-1] = 1.01e-13
+    assert _Decay.of(steps).rest * _STEEPEST > steps[-1]

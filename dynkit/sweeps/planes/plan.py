@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import time
+from collections import Counter
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from typing import final
@@ -85,7 +86,7 @@ class Plan:
         labels = empty_columns(n, NO_MOTION)
         largest = np.full((n, len(self.observables)), np.nan)
         exponents = np.full(n if self.exponents else 0, np.nan)
-        endings, cost = [], Cost(0.0)
+        endings, work = [], Counter[str]()
         for row, (first, second) in enumerate(pairs.tolist()):
             try:
                 motion = self.motion(first, second)
@@ -102,11 +103,11 @@ class Plan:
                 continue
             put_label(labels, row, label)
             endings.append(str(motion.ending.value))
-            cost = cost + Cost(0.0, motion.cost.counts)
+            work.update(motion.cost.counts)
         arrays: dict[str, Anything] = {**labels, "largest": largest}
         if self.exponents:
             arrays["exponent"] = exponents
-        return Rows(arrays, {"ending": endings}, cost + Cost(time.perf_counter() - began))
+        return Rows(arrays, {"ending": endings}, Cost(time.perf_counter() - began, work))
 
 
 def largest_exponent(attractor: Attractor, count: int) -> float:

@@ -33,7 +33,8 @@ class Progression(NamedTuple):
     @classmethod
     def along(cls, shift: Array) -> Progression:
         """The progression along independent directions (d, m)."""
-        return cls(shift, np.asarray(np.linalg.pinv(shift), dtype=np.float64))
+        part = np.linalg.pinv(shift) if shift.size else shift.T
+        return cls(shift, np.asarray(part, dtype=np.float64))
 
     def removed(self, states: Array) -> Array:
         """States (..., d) without their parts along the directions."""

@@ -294,13 +294,14 @@ class _ImpactOrbit:
         self.system = record.system
         self.accuracy = record.system.accuracy
         self.record: ImpactRecord = record
+        self.ahead: ImpactRecord | None = None
         self.fresh = True
         self.clock = 0.0
 
     def more(self, count: int) -> Window:
         if not self.fresh:
             self.clock += float(self.record.time[-1])
-            self.record = self.system.simulate(impacts=count, start=self.record.final)
+            self.record = self._next(count)
         self.fresh = False
         record = self.record
         period, states = TWO_PI / self.system.frequency, record._without_phase
@@ -321,12 +322,21 @@ class _ImpactOrbit:
         given_up = record.ending is Ending.SEARCH_LIMIT
         return Window(states, times, releases, release_times, release_error, given_up)
 
+    def _next(self, count: int) -> ImpactRecord:
+        """The next impacts; their growth is measured before they become the present window."""
+        known, start = self.ahead, self.record.final
+        if known is None or (len(known), known.start) != (count, start):
+            self.ahead = known = self.system.simulate(impacts=count, start=start)
+        return known
+
     def difference(self, a: Array, b: Array) -> Array:
         return np.asarray(a - b)
 
     def growth(self, steps: int) -> Array:
         if not self.system._mapped:
-            return growth(self.system, self.record.final, steps)
+            ahead = self._next(steps)
+            whole = len(ahead) == steps
+            return growth(self.system, ahead._run) if whole else np.full(steps, -np.inf)
         try:
             return self.system.stretching(self.record.states[-1], steps).logs[:, 0]
         except NoCrossing:

@@ -248,8 +248,9 @@ class ImpactRecord(Result):
             return np.concatenate(own, axis=1)
         others = np.array(self.system._others)
         if self.system._motion is None and self.system._automaton.beside is None:
-            forced = self.system._free.forced  # of a stop alone, what is put on it is left out
-            x, v = (of(*self._run.coordinates) for of in (forced.positions, forced.velocities))
+            # of a stop alone, what is put on it is left out
+            forced, q = self.system._free.forced, self._run.coordinates
+            x, v = forced.positions(*q), forced.velocities(*q)
             return np.concatenate(
                 [x[:, others[0]], v[:, others[0]], self.relative_velocity[:, None]], axis=1
             )

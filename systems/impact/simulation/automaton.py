@@ -67,6 +67,8 @@ class Automaton(JoinedModes):
     beside : int or None
         Number of elements besides the first one. None for a hard stop alone whose restitution is a
         number, for which the kernels are smaller.
+    start : tuple or None
+        Numbers of the default start of the oscillators that share this automaton, once known.
     """
 
     def __init__(
@@ -104,6 +106,7 @@ class Automaton(JoinedModes):
         self._tables: Any = None
         self._first: Any = None
         self.table: NDArray[np.intp] = np.empty((0, 4), dtype=np.intp)
+        self.start: Any = None
         self._grips: dict[int, Grip] = {}
 
     def turned(self, excitation: Excitation) -> Automaton:

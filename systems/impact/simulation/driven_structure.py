@@ -221,14 +221,15 @@ class DrivenStructure(LagrangianStructure):
     @cached_property
     def _progression(self) -> Progression:
         """Of whole states, (2N + J,), the directions along which the machine progresses."""
-        n, found = self.degrees_of_freedom, np.zeros((self._size, 0))
+        n = self.degrees_of_freedom
         if self._motion is not None:
             rigid, drag = self._motion.shifts(self.frequency)
         else:
             modes, drag = self.modes, self.damping_matrix
             rigid = modes.matrix[:, modes.frequencies == 0.0]
-        if rigid.size and not self._curves:
-            found = directions(rigid, drag, self._elements)
+        if not rigid.size or self._curves:
+            return Progression.along(np.zeros((n + self._size, 0)))
+        found = directions(rigid, drag, self._elements)
         return Progression.along(np.insert(found, [n] * n, 0.0, axis=0))
 
     @cached_property

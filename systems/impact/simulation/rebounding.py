@@ -21,7 +21,7 @@ class Rebounding:
     """
 
     def __init__(self, shared: Automaton, restitution: float) -> None:
-        self._shared = shared
+        self.shared = shared
         self._restitution = restitution
         self._given: Any = None
         self._tables: Any = None
@@ -30,12 +30,12 @@ class Rebounding:
         self.parts, self.beside = shared.parts, shared.beside
 
     def __getattr__(self, name: str) -> Any:
-        return getattr(self._shared, name)
+        return getattr(self.shared, name)
 
     @property
     def tables(self) -> Any:
         """The tables of the kernels."""
-        given = self._shared.tables
+        given = self.shared.tables
         if given is not self._given:
             own = given.restitution * self._restitution
             self._tables, self._given = given._replace(restitution=own), given

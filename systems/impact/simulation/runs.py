@@ -75,7 +75,10 @@ def trajectory_of(
     if isinstance(course, Course):
         course.most_switches = most_switches
     log = course.advance(count, store=store)
-    return course.trajectory(log, time.perf_counter() - began)
+    found = course.trajectory(log, time.perf_counter() - began)
+    if isinstance(course, Course):
+        course.lend()
+    return found
 
 
 def to_contact(
@@ -108,6 +111,9 @@ def course_from(
         return TaylorCourse(oscillator, start, noise=noise, seed=seed)
     return Course(oscillator, start, noise=noise, seed=seed, most_cells=most_cells, longest=longest)
 
+
+_LENT: list[tuple[Any, ...]] = []
+"""Buffers of the last run that has ended, for the next one."""
 
 _ADDRESSES: dict[Any, int] = {}
 """Addresses of the machine code that motions needed in this process."""
@@ -212,7 +218,7 @@ class Course:
         self._oscillator, self._start = oscillator, start
         self._noise, self._most_cells = noise, most_cells
         self._clock = clock
-        self._waiting = np.zeros(5, dtype=np.int64), np.zeros(2 + REGISTERS)
+        self._waiting: Any = np.zeros(5, dtype=np.int64), np.zeros(2 + REGISTERS)
         self._switches: Any = None
         self._prepare(kernels.START, free.states(q, *turn)[None])
         if noise > 0.0:
@@ -298,9 +304,33 @@ class Course:
             # another thread may have entered more modes meanwhile
             terms = self._oscillator._automaton.rest_terms()[: len(self._tables.event)]
             self._tables = _displaced(self._tables, terms, self._shifts)
-        self._work = workspace(slots)
+        if self._switches is not None or not self._borrows(slots):
+            self._work = workspace(slots)
+            self._enlarge(slots)
         self._work.states[first : first + len(states), :, : states.shape[2]] = states
-        self._enlarge(slots)
+
+    def _key(self, slots: int) -> tuple[Any, ...]:
+        """What the buffers of a run depend on, and the machine code that it needs."""
+        return slots, len(self._left), self._oscillator._automaton.beside is None
+
+    def lend(self) -> None:
+        """Lend the buffers to the next run: this one has ended, and logged no switches."""
+        if not (self._noise or self._clock[_kernels()[0].SWITCHES]):
+            slots = self._work.states.shape[2]
+            _LENT[:] = [(self._key(slots), self._work, self._switches)]
+
+    def _borrows(self, slots: int) -> bool:
+        """Take buffers that are lent, and fit, as new ones; they know the code that was needed."""
+        try:
+            key, work, switches = _LENT.pop()
+        except IndexError:
+            return False
+        if self._noise or key != self._key(slots):
+            return False
+        work.states.fill(0.0)
+        work.places.fill(0)
+        self._work, self._switches = work, switches
+        return True
 
     def _enlarge(self, slots: int) -> None:
         """Enlarge the log of switches."""
@@ -414,8 +444,9 @@ class Course:
         switched = element if element >= len(oscillator._stops) else -1
         if mode:
             state, closed = automaton.freed(mode, state)
-        still = self._left[:, clock_kernels.MOTION] == clock_kernels.STILL
-        closed += [k for k in np.flatnonzero(still).tolist() if k not in closed]
+        if automaton.beside is not None:
+            still = self._left[:, clock_kernels.MOTION] == clock_kernels.STILL
+            closed += [k for k in np.flatnonzero(still).tolist() if k not in closed]
         hard = [k for k in closed if k < len(oscillator._stops)]
         if hard and (element in hard or element >= len(oscillator._stops)):
             speed, element, motion = 0.0, hard[0], Motion.TABLE

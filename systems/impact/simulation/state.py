@@ -66,6 +66,11 @@ class ImpactState:
     _turn: Array = field(repr=False)
 
     @property
+    def _numbers(self) -> tuple[Any, ...]:
+        """Everything but the oscillator that it is a state of."""
+        return self.speed, self.element, self.motion, self.closed, self._coordinates, self._turn
+
+    @property
     def relative_velocity(self) -> float:
         """Section coordinate u: the speed; negative, or -0.0, at the far stop of a play."""
         return -self.speed if self.element == 1 and self._system._faces else self.speed

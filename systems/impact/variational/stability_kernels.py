@@ -89,7 +89,7 @@ def settled(
     turn: float,
     generator: Array,
     bend: Array,
-    kicked: float,
+    unit: Array,
     restitution: float,
     vectors: Array,
     block: Array,
@@ -110,20 +110,27 @@ def settled(
         Period of the forcing.
     generator
         (4, N) of the modes.
-    bend, kicked
-        (2, seen) row of the acceleration of the gap, and its change by a unit kick.
+    bend, unit
+        (2, seen) row of the acceleration of the gap, and (2, slots) a unit kick.
     vectors
         (4, 2N), as for `stretch`.
     block
         (1, 4, N) buffer.
     frames
-        (2, 2N, 2N), two unit matrices; modified in place.
+        (2, 2N, 2N) buffer.
     """
     n, end = _period_of(time, speed, states, turn), time.shape[0]
     if n == 0:
         return False
     kick = -(1.0 + restitution)
+    kicked = 0.0
+    for row in range(2):
+        for i in range(bend.shape[1]):
+            kicked += bend[row, i] * unit[row, i]
     for part in range(2):
+        frames[part] = 0.0
+        for i in range(frames.shape[1]):
+            frames[part, i, i] = 1.0
         for k in range(end - (part + 1) * n, end - part * n):
             rate = -speed[k] / restitution
             if not rate < 0.0:

@@ -68,18 +68,22 @@ def stretching(
     return Stretching(logs, errors, times, section_of(oscillator, final), rows.T, final)
 
 
-def growth(oscillator: DrivenStructure, start: ImpactState, n: int) -> Array:
-    """Logarithms (n,) of the growth of one disturbance over each of the next n impacts.
+def growth(oscillator: DrivenStructure, run: Trajectory) -> Array:
+    """Logarithms (n,) of the growth of one disturbance over the flight to each impact of a run.
 
-    The disturbance turns into the fastest growing direction. Minus infinity after the motion ends.
+    The disturbance turns into the fastest growing direction.
     """
+    d, n = oscillator.dimension, run.impacts
     # A fixed direction without symmetry is unlikely to lie in an invariant subspace.
-    frame = np.sqrt(np.arange(2.0, 2.0 + oscillator.dimension))[None]
-    logs = np.empty((n, 1))
-    try:
-        _follow(oscillator, start, frame / np.linalg.norm(frame), logs, np.empty(n))
-    except NoCrossing:
-        return np.full(n, -np.inf)
+    frame = np.sqrt(np.arange(2.0, 2.0 + d))[None]
+    frame, logs = frame / np.linalg.norm(frame), np.empty((n, 1))
+    size = _at_once(d)
+    for begin in range(0, n, size):
+        end = min(begin + size, n)
+        steps = steps_of(oscillator, run, begin, end)
+        found = np.empty((len(steps.which), 1))
+        _stretch(steps, frame, found)
+        logs[begin:end] = np.add.reduceat(found, steps.first, axis=0)
     return logs[:, 0]
 
 
@@ -90,11 +94,7 @@ def returned(oscillator: DrivenStructure, run: Trajectory, impacts: Sequence[int
     """
     from dynkit.systems.impact.variational.tangent_kernels import carry
 
-    alone = oscillator._automaton.beside is None
-    if impacts[0] and alone and not len(run.switches.time):
-        run = run.part(impacts[0], impacts[-1] + 1)  # nothing before it matters
-        impacts = [k - impacts[0] for k in impacts]
-    steps, d = steps_of(oscillator, run, impacts[0] + 1), oscillator.dimension
+    steps, d = steps_of(oscillator, run, impacts[0] + 1, impacts[-1] + 1), oscillator.dimension
     first = np.append(steps.first, len(steps.which))
     found = np.empty((len(impacts) - 1, d, d))
     for part, (begin, end) in zip(found, pairwise(impacts), strict=True):
@@ -129,11 +129,11 @@ def settles(oscillator: DrivenStructure, run: Trajectory) -> bool:
         2.0 * math.pi / oscillator.frequency,
         pairs.generator[:4, slots],
         bend,
-        float((bend * tables.kick[0, :2, : bend.shape[1]]).sum()),
+        tables.kick[0],
         oscillator.restitution,
         motion.vectors,
         np.empty((1, 4, n)),
-        np.stack([np.eye(2 * n)] * 2),
+        np.empty((2, 2 * n, 2 * n)),
     )
     return proved
 
@@ -143,7 +143,7 @@ def _follow(
 ) -> ImpactState:
     """Simulate n impacts, follow the frame, fill logs (n, k) and times in place; the last state."""
     d = oscillator.dimension
-    most = max(1, min(_IMPACTS, _NUMBERS // d**2))
+    most = _at_once(d)
     for begin in range(0, len(logs), most):
         wanted = min(most, len(logs) - begin)
         run = trajectory_of(oscillator, start, wanted, store=True)
@@ -156,6 +156,11 @@ def _follow(
         times[begin : begin + wanted] = np.diff(run.time, prepend=0.0)
         start = run.final
     return start
+
+
+def _at_once(d: int) -> int:
+    """Number of impacts whose matrices, (d, d), are processed together."""
+    return max(1, min(_IMPACTS, _NUMBERS // d**2))
 
 
 def _stretch(steps: Steps, frame: Array, logs: Array) -> None:
@@ -179,26 +184,30 @@ def _stretch(steps: Steps, frame: Array, logs: Array) -> None:
         )
 
 
-def steps_of(oscillator: DrivenStructure, run: Trajectory, begin: int = 0) -> Steps:
-    """The steps of a run to the impacts from number `begin` on: contact, flight, impact.
+def steps_of(
+    oscillator: DrivenStructure, run: Trajectory, begin: int = 0, end: int | None = None
+) -> Steps:
+    """The steps of a run to the impacts from number `begin` to `end` - 1: contact, flight, impact.
 
     Long flights and contacts are cut into parts, see `_SPREAD`.
     """
     motion = free_motion(oscillator._contact)
-    before = run.before
+    now = slice(begin, run.impacts if end is None else end)
+    some = slice(*np.searchsorted(run.before[: run.ended], [now.start, now.stop]))
     flights, held = run.durations
-    jumps, lost = _jumps(oscillator, run)
+    flights, held, before = flights[now], held[some], run.before[some] - begin
+    jumps, lost = _jumps(oscillator, run, now)
 
     if not len(held) and flights.max(initial=0.0) * motion.spread <= SPREAD:
-        now, each = slice(begin, None), np.arange(run.impacts - begin)
+        each = np.arange(len(flights))
         dense = np.empty((0, oscillator.dimension, oscillator.dimension))
-        flown = _flights(motion, flights[now], np.full(len(each), -1), dense)
-        return Steps(*flown, motion.vectors, jumps[now], lost[now], each)
+        flown = _flights(motion, flights, np.full(len(each), -1), dense)
+        return Steps(*flown, motion.vectors, jumps, lost, each)
     parts, stuck_parts = (
         np.maximum(np.ceil(part * (motion.spread / SPREAD)), 1.0).astype(np.intp)
         for part in (flights, held)
     )
-    contact_steps = np.zeros(run.impacts, dtype=np.intp)
+    contact_steps = np.zeros(len(flights), dtype=np.intp)
     contact_steps[before] = stuck_parts - 1
     # The order is: parts of a contact except the last, parts of the flight, the impact.
     first = np.concatenate([[0], np.cumsum(contact_steps + parts)])
@@ -208,16 +217,14 @@ def steps_of(oscillator: DrivenStructure, run: Trajectory, begin: int = 0) -> St
     jump = np.zeros((total, 3))
     gone = np.zeros(total, dtype=np.intp)
     jump[first[1:] - 1], gone[first[1:] - 1] = jumps, lost
-    dense = _contact_matrices(oscillator, run, held / stuck_parts)
+    dense = _contact_matrices(oscillator, run, held / stuck_parts, some)
     for k, (i, many) in enumerate(zip(before.tolist(), stuck_parts.tolist(), strict=True)):
         place = int(first[i])
         which[place : place + many] = k
         gone[place : place + many] = 2
         durations[place : place + many - 1] = 0.0
-
-    now = slice(first[begin], None)
-    flown = _flights(motion, durations[now], which[now], dense)
-    return Steps(*flown, motion.vectors, jump[now], gone[now], first[begin:-1] - first[begin])
+    flown = _flights(motion, durations, which, dense)
+    return Steps(*flown, motion.vectors, jump, gone, first[:-1])
 
 
 def _flights(
@@ -237,9 +244,9 @@ def _flights(
     return blocks.reshape(len(durations), 4, -1), which, np.ascontiguousarray(dense)
 
 
-def _jumps(oscillator: DrivenStructure, run: Trajectory) -> tuple[Array, Any]:
-    """Bend, kick and push (n, 3) of the impacts, and the number (n,) of directions they lose."""
-    rates, bends = before_impacts(oscillator, run)
+def _jumps(oscillator: DrivenStructure, run: Trajectory, now: slice) -> tuple[Array, Any]:
+    """Bend, kick and push (n, 3) of some impacts, and the number (n,) of directions they lose."""
+    rates, bends = before_impacts(oscillator, run, now)
     rates = np.minimum(rates, 0.0)
     r, slope = rebound(oscillator.restitution, rates)
     numbers = saltation(slope, rates, bends)
@@ -248,12 +255,14 @@ def _jumps(oscillator: DrivenStructure, run: Trajectory) -> tuple[Array, Any]:
     return np.column_stack([numbers, pushed]), lost
 
 
-def before_impacts(oscillator: DrivenStructure, run: Trajectory) -> tuple[Array, Array]:
-    """Rates and accelerations (n,) of the gap just before the impacts of a trajectory."""
-    log = run.log
-    rates, bends = np.empty(run.impacts), np.empty(run.impacts)
-    for number, where in grouped(log.guard):
-        here = np.arange(run.impacts)[where]
+def before_impacts(
+    oscillator: DrivenStructure, run: Trajectory, now: slice = slice(None)
+) -> tuple[Array, Array]:
+    """Rates and accelerations (n,) of the gap just before some impacts of a trajectory."""
+    log, numbers = run.log, np.arange(run.impacts)[now]
+    rates, bends = np.empty((2, run.impacts))
+    for number, where in grouped(log.guard[now]):
+        here = numbers[where]
         (gap, mode), (flight, element) = run.gap(number), run.guards[number, :2].tolist()
         stop = oscillator._stops[element]
         law = isinstance(stop.restitution, ImpactLaw)
@@ -278,16 +287,18 @@ def before_impacts(oscillator: DrivenStructure, run: Trajectory) -> tuple[Array,
                 rates[here] = -stop.restitution.approach(-before, log.speed[here])
             elif r == 0.0:
                 rates[here] = before
-    return rates, bends
+    return rates[now], bends[now]
 
 
-def _contact_matrices(oscillator: DrivenStructure, run: Trajectory, durations: Array) -> Array:
-    """Matrices (k, 2N, 2N) of contacts of given durations (k,), with their begins and ends."""
+def _contact_matrices(
+    oscillator: DrivenStructure, run: Trajectory, durations: Array, some: slice
+) -> Array:
+    """Matrices (k, 2N, 2N) of some contacts of given durations (k,), with begins and ends."""
     d = oscillator.dimension
     out = np.zeros((len(durations), d, d))
     if not len(durations) or d == 2:
         return out
-    before, sides = run.before, run.contact_sides
+    before, sides = run.before[some], run.contact_sides[some]
     speeds, states = run.speeds[before], run.free_states[before]
     for side in np.unique(sides).tolist():
         here = np.flatnonzero(sides == side)
