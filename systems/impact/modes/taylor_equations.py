@@ -41,7 +41,8 @@ class Plan:
     curves : tuple of (int, Form)
         Elements along functions of the coordinates, and these.
     sliders : tuple of int
-        Elements with sliders. The stretches of their springs are variables.
+        Elements with sliders. The stretches of their springs are variables, along functions less
+        what the coordinates alone make of them.
     carries : bool
         Whether the gaps along functions, their rates, slip velocities of sliders, and sine and
         cosine of the phase are variables, besides the coordinates. Then the stretch is counted from
@@ -186,7 +187,8 @@ class _Builder:
         for k, p in self._speeds.items():
             v[p] = v[p] + own[k, 0] * (own[k, 4] + self.swing(k, 1))
         self.x, self.v = (_applied(self.leaves(n, n), part) for part in (x, v))
-        curves, sliders = [*(k for k, _ in plan.curves), *plan.dragged], plan.sliders
+        parted = (k for k, _ in plan.curves if k not in plan.sliders)
+        curves, sliders = [*parted, *plan.dragged], plan.sliders
         if not plan.carries:
             curves, sliders = [], ()
         self.gaps = {k: hy.expression(f"g{k}") for k in curves}
@@ -229,7 +231,10 @@ class _Builder:
     def stretch(self, k: int) -> Any:
         """Stretch of the spring to a slider."""
         _, side, reach = self._joints[k]
-        return side * (reach - self.springs[k]) if self._plan.carries else self.springs[k]
+        if self._plan.carries:
+            return side * (reach - self.springs[k])
+        along = self._own[k, 0] * self._along[k] if k in self._along else 0.0
+        return self.springs[k] + along
 
     def slip(self, k: int) -> Any:
         """Rate of the gap of an element."""
@@ -300,7 +305,10 @@ class _Builder:
         for k in plan.sliders:
             follows, side, _ = self._joints[k]
             share = -1.0 * (side * follows) if plan.carries else follows
-            dx.append(share * self.slip(k))
+            away = 0.0
+            if k in self._along and not plan.carries:
+                away = self._own[k, 0] * _total(zip(self._rows[k], self.v, strict=True))
+            dx.append(share * self.slip(k) - away)
         for k, slip in self.slips.items():
             along = _total(zip(self._rows[k], a, strict=True)) - self.swing(k, 2)
             along = along + self._bends[k] if k in self._bends else along
