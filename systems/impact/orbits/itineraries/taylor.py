@@ -36,7 +36,7 @@ _LEAST = 1e-4
 """Turns of the phase over two pi: derivatives of divided differences are taken over no less."""
 
 _NORM = 4.0
-"""Bound of the norm of a step's derivative: order 20 of a series whose terms fall to rounding."""
+"""Bound of the norm of a step's derivative: order 19 of a series whose terms fall to rounding."""
 
 
 @final
