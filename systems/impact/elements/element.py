@@ -149,7 +149,7 @@ class Element(ABC):
     coordinate : int or (int, int) or (N,) sequence of float or str
         Defines y: an index j for x_j, a pair (i, j) for x_j - x_i, or the row J. Also the name of a
         method of the oscillator, which takes the coordinates, as ``potential`` does, and returns y
-        as a smooth expression: then J is its gradient. Not for `Jenkins`.
+        as a smooth expression: then J is its gradient.
     offset : float
         Middle of the element's motion.
     amplitude : float

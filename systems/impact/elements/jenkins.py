@@ -27,7 +27,7 @@ class Jenkins(Element):
     While its absolute value is less than ``force``, the slider sticks to the surface. Otherwise it
     slides and follows y at the distance force / stiffness, until y' - velocity changes its sign.
     The position s is part of the state: `ImpactState.sliders`. Any number of these elements may act
-    along one row.
+    along one row, or along one function y of the coordinates, whose gradient is J.
 
     Parameters
     ----------

@@ -54,7 +54,7 @@ def check_curved(owner: object, elements: tuple[Element, ...]) -> None:
     ValueError
         When the oscillator has no method of this name.
     NotImplementedError
-        When the element has a slider, or leans on a stop.
+        When the element leans on a stop.
     """
     for k, element in enumerate(elements):
         if not element.curved:
@@ -64,10 +64,10 @@ def check_curved(owner: object, elements: tuple[Element, ...]) -> None:
                 f"elements[{k}].coordinate must be the name of a method of the oscillator; "
                 f"got {element.coordinate!r}"
             )
-        if element.slider or element.leans_on:
+        if element.leans_on:
             raise NotImplementedError(
                 f"elements[{k}], which acts along a function of the coordinates, must have no "
-                f"slider and no normal; got {element!r}"
+                f"normal; got {element!r}"
             )
 
 

@@ -32,6 +32,10 @@ _LARGE = 60
 
 So is that of variations where masses vary: for two masses in 2 s instead of 32, half as fast."""
 
+_METHOD: dict[str, Any] = {"tol": 2.4e-16, "fast_math": True}
+"""Order 19, of which the remainder is below rounding; heyoka's own tolerance, which is 8 percent
+less, needs order 20. Sums may be in any order. States that are not finite are found outside."""
+
 _SHORTEST = 1e-3
 """Least limit of steps, in radians of the phase."""
 
@@ -56,6 +60,7 @@ def _integrator(plan: Plan) -> Any:
         [0.0] * len(variables),
         compact_mode=len(variables) > _LARGE,
         t_events=[hy.t_event(guard, direction=down, cooldown=0.0) for guard in guards],
+        **_METHOD,
     )
 
 
@@ -77,7 +82,7 @@ def _variations(plan: Plan, places: tuple[int, ...] | None = None) -> Any:
         by = [part]
     system = hy.var_ode_sys(list(zip(variables, rates, strict=True)), by)
     large = plan.eliminates or len(system.sys) > _LARGE
-    return hy.taylor_adaptive(system, [0.0] * len(variables), compact_mode=large)
+    return hy.taylor_adaptive(system, [0.0] * len(variables), compact_mode=large, **_METHOD)
 
 
 @lru_cache(_MOST_KEPT)
@@ -123,7 +128,8 @@ class Chart:
     of the stretch of each slider's spring until it yields, gaps along functions, and a zero for
     friction whose slip velocity others determine, K of both; then velocities, slip velocities of
     sliders, rates of these gaps, and these slip velocities: M = 2 (N + J + K) numbers. Bare ones,
-    (2 N + J,), are positions, the stretches themselves, and velocities.
+    (2 N + J,), are positions, the stretches themselves, and velocities; along functions there are
+    the places of sliders, towards the other side, in place of the stretches.
 
     Attributes
     ----------
@@ -162,10 +168,12 @@ class Chart:
         self.to_x, self.to_v = to
         self.back_x, self.back_v = back
         self._size, self._joints, self._events = len(self.to_v), joints, events
-        self.rows, self._more = rows, (*curves, *plan.dragged)
+        parted = [k for k in curves if k not in plan.sliders]
+        self.rows, self._more = rows, (*parted, *plan.dragged)
+        self._bent = [(k, i) for i, k in enumerate(plan.sliders) if k in curves]
         more = {k: len(self.to_x) + i for i, k in enumerate(self._more)}
         self.springs = {k: self._size + i for i, k in enumerate(plan.sliders)}
-        self.places = dict(plan.stops) | {k: more[k] for k in curves}
+        self.places = dict(plan.stops) | {k: more[k] for k in parted}
         self.speeds = dict((*plan.stops, *plan.rubs)) | self.springs | more
         self._changing: dict[tuple[int, ...], Any] = {}
         self.lock = RLock()
@@ -181,7 +189,8 @@ class Chart:
     def integrator(self) -> Any:
         """An integrator of its own, with the numbers put in."""
         made = self._with_numbers(_integrator(self.plan))
-        self._pars_of, self._state_of = made.pars, made.state
+        size = 2 * (len(self.to_x) + len(self._more))
+        self._z_of, self._turn_of, self._pars_of = *np.split(made.state, [size]), made.pars
         return made
 
     @cached_property
@@ -219,16 +228,30 @@ class Chart:
         if not self.plan.sliders and not self._more:
             return np.concatenate(parts)
         side, reach = self._joints.T
-        parts[0][n:] = reach - side * parts[0][n:]
         gaps, rates, x = [], [], x[:n]
+        parts[0][n:] = reach - side * (parts[0][n:] + self._along(x))
         for k in (*self.plan.sliders, *self._more):
             sign, real, imaginary, offset, drift = self._own[k, :5]
             place = offset + real * sine + imaginary * cosine
             speed = drift + rate * (real * cosine - imaginary * sine)
-            gaps += [sign * (float(self.curves[k](x)) - place)] if k in self.curves else []
+            gaps += [sign * (float(self.curves[k](x)) - place)] if k in self.places else []
             gaps += [0.0] if k in self.plan.dragged else []
             rates.append(sign * (float(self._row(k, x) @ v) - speed))
         return np.concatenate([parts[0], gaps, parts[1], rates])
+
+    def _along(self, x: Array) -> Array:
+        """What positions (..., N) add to the stretches (..., J) along functions, over bare ones."""
+        out = np.zeros((*x.shape[:-1], len(self.plan.sliders)))
+        for k, i in self._bent:
+            out[..., i] = self._own[k, 0] * self.curves[k](x)
+        return out
+
+    def stretched(self, k: int, left: Array) -> Array:
+        """Taylor coefficients (order + 1,) of a stretch, by those of what is left of it."""
+        side, reach = self._joints[self.plan.sliders.index(k)]
+        out = -side * left
+        out[0] += side * reach
+        return np.asarray(out)
 
     def _row(self, k: int, x: Array) -> Array:
         """Row (N,) of an element at positions (N,)."""
@@ -241,11 +264,13 @@ class Chart:
         rates = [self._own[k, 0] * (self._row(k, x) @ change) for k in carried]
         return np.concatenate([self.to_v @ change, rates])
 
-    def bare(self, z: Array) -> Array:
+    def bare(self, z: Array, sine: float, cosine: float) -> Array:
         """Bare coordinates (2 N + J,) of coordinates (M,)."""
         first, second = np.split(z, 2)
         first, (side, reach) = first[: len(self.to_x)].copy(), self._joints.T
         first[self._size :] = side * (reach - first[self._size :])
+        if self._bent:
+            first[self._size :] -= self._along(self.motion(z, sine, cosine)[0][: self._size])
         return np.concatenate([first, second[: self._size]])
 
     def motion(self, z: Array, sine: Any, cosine: Any, one: Any = 1.0) -> tuple[Array, Array]:
@@ -262,14 +287,19 @@ class Chart:
             x[..., n:] = side * (reach - x[..., n:])
         if not self._plain:
             x, v = x @ self.back_x.T, v @ self.back_v.T
+        for k, i in self._bent if z.shape[-1] != n + p else ():
+            x[..., n + i] += self.curves[k](x[..., :n])
         return x, v
 
     def load(self, z: Array, sine: float, cosine: float) -> Any:
         """The integrator at coordinates (M,) and a phase."""
         made = self.integrator
         made.time = 0.0
-        self._pars_of[:1] = math.atan2(sine, cosine)
-        self._state_of[:] = z
+        if self.plan.equations.turns:
+            self._pars_of[:1] = math.atan2(sine, cosine)
+        if len(self._turn_of):
+            self._turn_of[:] = sine, cosine
+        self._z_of[:] = z
         return made
 
     def fly(
@@ -321,9 +351,9 @@ class Chart:
             steps += count
             number = int(outcome)
             if number >= -guards:
-                z[:] = self._state_of
+                z[:] = self._z_of
                 return self._events[-1 - number], made.time, steps
-            z_end, time = self._state_of, made.time
+            z_end, time = self._z_of, made.time
             if number == time_limit:
                 stations.pop(0)
                 if stations:
@@ -342,21 +372,21 @@ class Chart:
     @property
     def reached(self) -> Array:
         """Coordinates (M,) at the end of the last flight."""
-        return np.array(self._state_of)
+        return np.array(self._z_of)
 
     @_alone
     def coefficients(self, z: Array, sine: float, cosine: float) -> Array:
         """Taylor coefficients (M, order + 1) of the coordinates at a state."""
         made = self.load(z, sine, cosine)
         made.step(max_delta_t=0.0, write_tc=True)
-        return np.array(made.tc)
+        return np.array(made.tc[: len(z)])
 
     @_alone
     def path(self, z: Array, sine: float, cosine: float, longest: float) -> tuple[Array, Array]:
         """Begins (k + 1,) of steps, and their Taylor coefficients (k, 2 N + J, order + 1), bare."""
         made, begins, found = self.eventless, [0.0], []
         made.time, made.pars[:1] = 0.0, math.atan2(sine, cosine)
-        made.state[:] = self.bare(z)
+        made.state[:] = self.bare(z, sine, cosine)
         (success, _, time_limit), period = _outcomes(), math.tau / self._pars[1]
         while begins[-1] <= longest:
             outcome, _ = made.step(max_delta_t=period, write_tc=True)
@@ -375,7 +405,7 @@ class Chart:
         """Bare coordinates (m,) after a duration, and derivative (m, m + 1) by those and phase."""
         made, m = self.variations, len(self.to_x) + self._size
         made.time, made.pars[:1] = 0.0, math.atan2(sine, cosine)
-        made.state[:m] = self.bare(z)
+        made.state[:m] = self.bare(z, sine, cosine)
         made.state[m:] = np.eye(m, m + 1).ravel()
         outcome, *_ = made.propagate_until(duration)
         if int(outcome) != _outcomes()[2] or not np.isfinite(made.state).all():
@@ -397,7 +427,7 @@ class Chart:
         made = _gradients(plan, places, rates=rates)
         pars = np.concatenate([self._pars, more])
         pars[0] = math.atan2(sine, cosine)
-        bare = self.bare(z)
+        bare = self.bare(z, sine, cosine)
         found = np.asarray(made(bare, pars=pars[: made.nparams], time=0.0))
         return found if change is not None else found.reshape(-1, len(bare) + 1)
 
@@ -414,7 +444,7 @@ class Chart:
         pars = np.concatenate([self._pars[: plain.size], [0.0], change[list(places)]])
         pars[0], made.time = math.atan2(sine, cosine), 0.0
         made.pars[:] = pars[: len(made.pars)]  # those that are not in the equations may be missing
-        made.state[:m], made.state[m:] = self.bare(z), 0.0
+        made.state[:m], made.state[m:] = self.bare(z, sine, cosine), 0.0
         outcome, *_ = made.propagate_until(duration)
         if int(outcome) != _outcomes()[2] or not np.isfinite(made.state).all():
             raise Diverged(f"the motion runs away within {duration:.6g} from {z.tolist()}")

@@ -41,10 +41,12 @@ class Plan:
     curves : tuple of (int, Form)
         Elements along functions of the coordinates, and these.
     sliders : tuple of int
-        Elements with sliders. The stretches of their springs are variables.
+        Elements with sliders. The stretches of their springs are variables, along functions less
+        what the coordinates alone make of them.
     carries : bool
-        Whether the gaps along functions, their rates, and slip velocities of sliders are variables,
-        besides the coordinates. Then the stretch is counted from where the slider yields.
+        Whether the gaps along functions, their rates, slip velocities of sliders, and sine and
+        cosine of the phase are variables, besides the coordinates. Then the stretch is counted from
+        where the slider yields.
     slips : tuple of (int, int)
         Friction that slips at the contact with a stop, and that stop.
     normals : tuple of (int, int)
@@ -159,7 +161,6 @@ class _Builder:
         self.zx = [hy.expression(f"x{i}") for i in range(n)]
         self.zv = [hy.expression(f"v{i}") for i in range(n)]
         self._phase, self._rate = hy.par[0] + hy.par[1] * hy.time, hy.par[1]
-        self._sine, self._cosine = hy.sin(self._phase), hy.cos(self._phase)
         count = len(plan.equations.numbers)
         self._numbers = [hy.par[2 + i] for i in range(count)]
         first = 2 + count
@@ -170,6 +171,12 @@ class _Builder:
         self.leaves = _Leaves(hy, plan.kinds, first)
         self._forces = self.leaves(3, n)
         self._rows, self._own = self.leaves(e, n), self.leaves(e, 8)
+        swings = (*self._forces[:2].ravel(), *self._own[:, 1:3].ravel())
+        self._turns = plan.carries and not all(map(_zero, swings))
+        if self._turns:
+            self._sine, self._cosine = hy.expression("sine"), hy.expression("cosine")
+        else:
+            self._sine, self._cosine = hy.sin(self._phase), hy.cos(self._phase)
         self._joints = dict(zip(plan.sliders, self.leaves(len(plan.sliders), 3), strict=True))
         self.springs = {k: hy.expression(f"s{k}") for k in plan.sliders}
         self._places = dict(plan.stops)
@@ -180,7 +187,8 @@ class _Builder:
         for k, p in self._speeds.items():
             v[p] = v[p] + own[k, 0] * (own[k, 4] + self.swing(k, 1))
         self.x, self.v = (_applied(self.leaves(n, n), part) for part in (x, v))
-        curves, sliders = [*(k for k, _ in plan.curves), *plan.dragged], plan.sliders
+        parted = (k for k, _ in plan.curves if k not in plan.sliders)
+        curves, sliders = [*parted, *plan.dragged], plan.sliders
         if not plan.carries:
             curves, sliders = [], ()
         self.gaps = {k: hy.expression(f"g{k}") for k in curves}
@@ -207,9 +215,10 @@ class _Builder:
         """Displacement of an element, or its rate, or acceleration."""
         real, imaginary = self._own[k, 1], self._own[k, 2]
         if order == 1:
-            return self._rate * _total([(real, self._cosine), (-1.0 * imaginary, self._sine)])
+            turned = _total([(real, self._cosine)]) - _total([(imaginary, self._sine)])
+            return self._rate * turned
         still = _total([(real, self._sine), (imaginary, self._cosine)])
-        return still if order == 0 else -1.0 * (self._rate * self._rate * still)
+        return still if order == 0 else -1.0 * (self._rate * (self._rate * still))
 
     def gap(self, k: int) -> Any:
         """Gap of an element."""
@@ -222,7 +231,10 @@ class _Builder:
     def stretch(self, k: int) -> Any:
         """Stretch of the spring to a slider."""
         _, side, reach = self._joints[k]
-        return side * (reach - self.springs[k]) if self._plan.carries else self.springs[k]
+        if self._plan.carries:
+            return side * (reach - self.springs[k])
+        along = self._own[k, 0] * self._along[k] if k in self._along else 0.0
+        return self.springs[k] + along
 
     def slip(self, k: int) -> Any:
         """Rate of the gap of an element."""
@@ -271,6 +283,13 @@ class _Builder:
                 f = [f[i] + _total([(own[k, 0] * self._rows[k, i], push)]) for i in range(self._n)]
         return f
 
+    def turning(self) -> tuple[list[Any], list[Any]]:
+        """Sine and cosine of the phase, where they are variables, and their rates."""
+        if not self._turns:
+            return [], []
+        rates = [self._rate * self._cosine, -1.0 * (self._rate * self._sine)]
+        return [self._sine, self._cosine], rates
+
     def rates(self, a: list[Any]) -> list[Any]:
         """Rates of the coordinates (2 N,), by the accelerations."""
         plan = self._plan
@@ -286,7 +305,10 @@ class _Builder:
         for k in plan.sliders:
             follows, side, _ = self._joints[k]
             share = -1.0 * (side * follows) if plan.carries else follows
-            dx.append(share * self.slip(k))
+            away = 0.0
+            if k in self._along and not plan.carries:
+                away = self._own[k, 0] * _total(zip(self._rows[k], self.v, strict=True))
+            dx.append(share * self.slip(k) - away)
         for k, slip in self.slips.items():
             along = _total(zip(self._rows[k], a, strict=True)) - self.swing(k, 2)
             along = along + self._bends[k] if k in self._bends else along
@@ -314,15 +336,17 @@ def system_of(hy: Any, plan: Plan) -> tuple[list[Any], list[Any], list[Any]]:
     """The variables, their rates, and the guards, as heyoka's expressions.
 
     The variables are positions, springs of sliders, gaps along functions, velocities, slip
-    velocities of sliders, and rates of gaps along functions.
+    velocities of sliders, rates of gaps along functions; and sine and cosine of the phase, where
+    the plan carries what other variables determine, and harmonic forces or motions need them.
     """
     build = _Builder(hy, plan)
     a, press = build.accelerations()
-    rates = [hy.expression(d) if isinstance(d, float) else d for d in build.rates(a)]
+    turns, turned = build.turning()
+    rates = [hy.expression(d) if isinstance(d, float) else d for d in (*build.rates(a), *turned)]
     watches = build.leaves(len(plan.guards), _WATCHED)
     pairs = zip(watches, plan.guards, strict=True)
     first = [*build.zx, *build.springs.values(), *build.gaps.values()]
-    variables = [*first, *build.zv, *build.slips.values()]
+    variables = [*first, *build.zv, *build.slips.values(), *turns]
     return variables, rates, [build.guard(watch, k, press) for watch, k in pairs]
 
 

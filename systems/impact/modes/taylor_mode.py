@@ -122,7 +122,8 @@ class TaylorMode:
     def stretch(self, k: int, state: Array) -> float:
         """Stretch of the spring to a slider at a state (2, N + J + 1), towards its side."""
         scene, place = self.scene, self.scene.sliders.index(k) + self.bodies
-        y = float(scene.rows[k] @ state[0, : self.bodies])
+        x = state[0, : self.bodies]
+        y = float(scene.curves[k](x) if k in scene.curves else scene.rows[k] @ x)
         return scene.elements[k].sign * (y - float(state[0, place]))
 
     def seen_from(self, one: TaylorMode, stop: Element | None = None) -> Array:  # noqa: ARG002
@@ -246,7 +247,7 @@ class TaylorMode:
             for j, k in enumerate(scene.sliders):
                 still = self.regimes[k].anchored
                 surface = scene.prescribed(k, *state[:, -1].tolist())[1]
-                out[i, 0, n + j] = surface if still else scene.rows[k] @ v
+                out[i, 0, n + j] = surface if still else scene.rows_at(state[0, :n])[k] @ v
             out[i, :, -1] = w * state[1, -1], -w * state[0, -1]
         return out
 
@@ -390,12 +391,16 @@ class TaylorMode:
     def series(self, k: int, state: Array) -> Array:
         """Taylor coefficients (2, order + 1) of a gap and its rate at a state.
 
-        Of a hard stop, or along a function of the coordinates.
+        Of a hard stop, or along a function of the coordinates. With a slider it is the stretch of
+        the spring to the slider in place of the gap.
         """
         chart, turn = self.chart(k, state), state[:, -1].tolist()
         z = chart.coordinates(*state[:, :-1], *turn)
-        found = chart.coefficients(z, *turn)
-        return np.asarray(found[[chart.places[k], len(z) // 2 + chart.speeds[k]]])
+        found, rate = chart.coefficients(z, *turn), len(z) // 2 + chart.speeds[k]
+        if k not in chart.springs:
+            return np.asarray(found[[chart.places[k], rate]])
+        stretch = chart.stretched(k, found[chart.springs[k]])
+        return np.stack([stretch, found[rate]])
 
     def path(self, start: Array, longest: float) -> Path:
         """The motion from a start (2, N + J + 1) over a duration."""

@@ -51,6 +51,11 @@ class Scene:
         return tuple(k for k, element in enumerate(self.elements) if element.slider)
 
     @cached_property
+    def parted(self) -> tuple[int, ...]:
+        """Numbers of the elements along functions, without sliders: their gaps are coordinates."""
+        return tuple(k for k in self.curves if k not in self.sliders)
+
+    @cached_property
     def rubs(self) -> tuple[int, ...]:
         """Numbers of the elements along rows that stick."""
         sticks = [any(regime.sticks for regime in element.regimes) for element in self.elements]

@@ -203,7 +203,9 @@ def _sliding(oscillator: DrivenStructure, x: Array, turn: Array, given: object) 
         return placed(oscillator, x, np.array(middle))
     places = finite_array("sliders", given, (len(own),))
     out = placed(oscillator, x, places)
-    sizes = np.array([abs(element.row(len(x))) @ abs(x) for element in own])
+    functions = [oscillator._functions[k] for k in oscillator._parts.sliders]
+    sizes = np.array([abs(y.gradient(x)) @ abs(x) for y in functions])
+    sizes += [e.curved * (1.0 + abs(float(y(x)))) for e, y in zip(own, functions, strict=True)]
     rounding = TOUCHED * (sizes + abs(places))  # as places are from changes of coordinates
     for k in np.flatnonzero(abs(out[len(x) :] - places) > rounding)[:1].tolist():
         low, high = (float(part[k]) for part in within(oscillator, x))

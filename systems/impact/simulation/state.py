@@ -239,7 +239,7 @@ def placed(oscillator: DrivenStructure, x: Array, sliders: Array) -> Array:
 def within(oscillator: DrivenStructure, x: Array) -> tuple[Array, Array]:
     """Between which places (J,) sliders are, where positions are (N,)."""
     reach = [element.reach for element in oscillator._sliders]
-    along = np.array([element.row(len(x)) @ x for element in oscillator._sliders])
+    along = np.array([oscillator._functions[k](x) for k in oscillator._parts.sliders])
     return along - reach, along + reach
 
 

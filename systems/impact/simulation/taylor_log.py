@@ -21,9 +21,8 @@ class Log:
 
     def __init__(self, rows: int, mode: TaylorMode) -> None:
         self._mode, self._count = mode, 0
-        self._z = np.empty(
-            (rows, 2 * (mode.size + len(mode.scene.curves) + len(mode.scene.dragged)))
-        )
+        scene = mode.scene
+        self._z = np.empty((rows, 2 * (mode.size + len(scene.parted) + len(scene.dragged))))
         self._rows: list[tuple[float, float, float, float, int]] = []
         self._charts: list[tuple[int, Chart]] = []
 

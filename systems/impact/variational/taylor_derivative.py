@@ -49,7 +49,7 @@ def followed(oscillator: DrivenStructure, run: Trajectory, lifted: Array) -> tup
         final = oscillator._strobed and not oscillator._cycled and i == last - 1
         for j, k in enumerate(mode.scene.sliders):
             if not mode.regimes[k].anchored:
-                out[2 * n + j] = mode.scene.rows[k] @ out[:n]
+                out[2 * n + j] = mode.scene.rows_at(state[0, :n])[k] @ out[:n]
         low = i == last - 1 and _flies_low(oscillator, run, duration, int(s.element[i]))
         if low:
             state, out, late = _low_flight(oscillator, run, mode, state, duration, out)
@@ -131,7 +131,8 @@ def _low_flight(
         moved[:n], moved[n : 2 * n] = term[n : 2 * n], by @ term
         for j, slider in enumerate(mode.scene.sliders):
             if not mode.regimes[slider].anchored:
-                moved[2 * n + j] = mode.scene.rows[slider] @ term[n : 2 * n]
+                row = mode.scene.elements[slider].sign * mode.rate_row(slider, start)[: 2 * n]
+                moved[2 * n + j] = row @ term[: 2 * n]
         term = moved * (duration / order)
         out += term
     row, speeds = mode.scene.elements[k].sign * mode.scene.rows[k], mode.rate_row(k, start)

@@ -160,9 +160,12 @@ class TaylorFlights:
         out[n : 2 * n] = self.wide(self.mode.gradients(self.short(z), rates=True), z)
         out[-3, -2], out[-2, -3] = self._clock, -self._clock
         for j, k in enumerate(self.mode.scene.sliders):
-            out[2 * n + j, n : 2 * n] = self.mode.scene.rows[k]
+            sign = self.mode.scene.elements[k].sign
             if self.mode.regimes[k].anchored:
-                out[2 * n + j] -= self.mode.scene.elements[k].sign * self.machine.rate(k).real
+                out[2 * n + j] = -sign * self.machine.rate(k).real
+                out[2 * n + j, n : 2 * n] = 0.0
+            else:
+                out[2 * n + j, : 2 * n] = sign * self.mode.rate_row(k, self.short(z))[: 2 * n]
         return out
 
     def path(self, z: Array, lasts: float) -> Path:
@@ -208,6 +211,9 @@ class TaylorFlights:
                 if self.mode.regimes[k].anchored:
                     row = self.mode.scene.elements[k].sign * self.machine.rate(k)
                     out[2 * n + j] = -float((row @ z).imag) / STEP
+                elif k in self._scene.curves:
+                    along = self._scene.curves[k].gradient(z[:n]) @ z[n : 2 * n]
+                    out[2 * n + j] = float(along.imag) / STEP
         return out
 
     # --- elements, also with imaginary changes of states and numbers ------------------------------
@@ -242,7 +248,7 @@ class TaylorFlights:
         if not watch.force:
             row = self.machine.watched(self._regimes, element, guard)
             weights = self.machine.weights(self._regimes, element, guard)
-            return self._along(element, z, row, *weights[:2])
+            return self._along(element, z, row, weights[0] + weights[3], weights[1])
         number, state = self._guard(element, watch), self.short(now)
         value = self.mode.watched(number, state)[0]
         row = self.wide(self.mode.gradient(number, state), now)
@@ -310,12 +316,15 @@ class TaylorFlights:
             put = self.machine.put_on(event.element)
             matrix = put if event.chatters else self.machine.caught(event.mode, self._regimes)
             return matrix @ z, matrix.real
-        if not event.chatters and not set(self._regimes.held) - set(event.mode.held):
+        caught = not event.chatters and bool(set(self._regimes.held) - set(event.mode.held))
+        if not (event.chatters or caught or self._bends):
             slid = self.machine.slid(self._regimes)
             return slid @ z, slid.real
 
         def moved(there: Any) -> Any:
-            return self._put(event.element, there) if event.chatters else self._caught(there)
+            if event.chatters:
+                return self._put(event.element, there)
+            return self._slid(self._caught(there) if caught else there)
 
         here = moved(z.real + 0j)
         there = [moved(z.real + 1j * STEP * unit) for unit in np.eye(len(z))[:-1]]
@@ -342,9 +351,23 @@ class TaylorFlights:
         rates = np.array([elements[k].sign * self.rate_of(k, z)[0] for k in held])
         response = np.linalg.solve(mass, rows[held].T)
         lost = response @ np.linalg.solve(rows[held] @ response, rates)
-        return self.machine.slid(self._regimes) @ np.concatenate(
-            [z[:n], z[n : 2 * n] - lost, z[2 * n :]]
-        )
+        return np.concatenate([z[:n], z[n : 2 * n] - lost, z[2 * n :]])
+
+    @cached_property
+    def _bends(self) -> list[tuple[int, int]]:
+        """Sliders that slide along functions, and their places in a whole state."""
+        scene, first = self.mode.scene, 2 * self._n
+        pairs = ((k, first + j) for j, k in enumerate(scene.sliders) if k in scene.curves)
+        return [(k, place) for k, place in pairs if not self.mode.regimes[k].anchored]
+
+    def _slid(self, z: Any) -> Any:
+        """What slides is where its spring bears it."""
+        out = self.machine.slid(self._regimes) @ z
+        for k, place in self._bends:
+            along = self._scene.curves[k](z[: self._n])
+            out = out.astype(np.result_type(out, along))
+            out[place] += along
+        return out
 
     # --- in a chatter -----------------------------------------------------------------------------
 

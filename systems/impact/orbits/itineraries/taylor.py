@@ -36,7 +36,7 @@ _LEAST = 1e-4
 """Turns of the phase over two pi: derivatives of divided differences are taken over no less."""
 
 _NORM = 4.0
-"""Bound of the norm of a step's derivative: order 20 of a series whose terms fall to rounding."""
+"""Bound of the norm of a step's derivative: order 19 of a series whose terms fall to rounding."""
 
 
 @final
@@ -152,7 +152,7 @@ class TaylorSolution(ShootingSolution):
         flights: TaylorFlights = self._modes[j]
         k, watch = self.itinerary[i].element, divided.watch_of(self.oscillator, self.itinerary[i])
         gap, rate = flights.mode.series(k, flights.short(self.after[j]))
-        found = watch.gap * gap + watch.rate * rate
+        found = (watch.gap + watch.stretch) * gap + watch.rate * rate
         found[0] += watch.level
         terms = abs(found) * abs(self.durations[j]) ** np.arange(len(found))
         return found, bool(terms[-2:].max() <= _SMALL * terms.max())
