@@ -314,3 +314,10 @@ def test_a_parameter_parts_impacts_and_switches_of_soft_stops() -> None:
         assert (part.admissible[near] == (side * (part.parameter[near] + 0.1) > 0.0)).all()
         sides.append(side)
     assert sorted(sides) == [-1.0, 1.0]
+
+
+def test_searches_find_orbits_whose_hard_stops_are_hit_at_once() -> None:
+    system = both("hard stops")
+    found = [orbit for orbit in system.find_orbits(impacts=4, periods=1) if orbit.admissible]
+    own = orbit_of(system)
+    assert [abs(orbit.phases - own.phases[0]).min() < 1e-9 for orbit in found] == [True]

@@ -22,7 +22,7 @@ from dynkit.systems.impact.orbits.itineraries.happening import Happening
 from dynkit.systems.impact.orbits.itineraries.itinerary import counts_of, returns_of
 from dynkit.systems.impact.orbits.itineraries.motion import ItinerarySolution
 from dynkit.systems.impact.orbits.itineraries.openness import flights_are_open
-from dynkit.systems.impact.orbits.itineraries.parting import ordered, parted
+from dynkit.systems.impact.orbits.itineraries.parting import commute, ordered, parted
 from dynkit.systems.impact.orbits.itineraries.responses import ResponseSolution
 from dynkit.systems.impact.orbits.itineraries.shooting import ShootingSolution
 from dynkit.systems.impact.orbits.orbit import (
@@ -324,8 +324,11 @@ class ItineraryEquations(ImpactProblem):
         if not self.driven or not len(impulses):
             return True
         ends = np.append(phases, phases[0] + TWO_PI * self.periods)
-        slow = bool((impulses <= LEAST * self.sizes[1]).any())
-        return not slow and bool(np.diff(ends).min() >= APART)
+        if (impulses <= LEAST * self.sizes[1]).any():
+            return False
+        n, own = len(phases), [event.element for event in self.itinerary]
+        near = np.flatnonzero(np.diff(ends) < APART).tolist()
+        return all(own[i] != own[(i + 1) % n] and commute(self, x, i) for i in near)
 
     def doubled(self, x: Array, disturbance: Array) -> tuple[Self, Array, Array]:
         turn, count = TWO_PI * self.periods, len(self.itinerary)

@@ -23,7 +23,7 @@ from dynkit.systems.impact.orbits.itineraries.itinerary import (
     regimes_of,
 )
 from dynkit.systems.impact.orbits.itineraries.motion import AT_ONCE
-from dynkit.systems.impact.orbits.itineraries.parting import reversed_order
+from dynkit.systems.impact.orbits.itineraries.parting import commute
 from dynkit.systems.impact.orbits.itineraries.simulated import run_for, simulated
 from dynkit.systems.impact.orbits.machine import Machine
 from dynkit.systems.impact.orbits.orbit import NONE, ImpactOrbit
@@ -51,8 +51,6 @@ _NEVER = "the motion does not come again: the nearest solution of its equations 
 _HELD = "the motion is not released by a stop at the same phase again"
 _SINGULAR = 1e-13
 """Ratio of singular values of the equations' derivative: where it is less, it is rounding."""
-_SAME = 1e-9
-"""Relative difference of two orbits, and of their multipliers: where it is more, they differ."""
 _SAMPLES, _TRANSIENT = 64, 700
 _CYCLE = 256
 """Periods of the forcing, impacts, or switches, within which a cycle comes again."""
@@ -207,26 +205,12 @@ def _solved(problem: ItineraryEquations, guess: Array) -> tuple[Array, tuple[flo
         pair = s.itinerary[i].element, s.following[i].element
         if pair[0] == pair[1]:
             raise NoConvergence(_MERGE)
-        if not _commute(problem, x, i):
+        if not commute(problem, x, i):
             elements = problem.oscillator._elements
             raise NoConvergence(_IN_TURN.format(*(elements[k] for k in pair)))
     if _singular(problem, x):
         raise NoConvergence(_FAMILY)
     return x, history
-
-
-def _commute(problem: ItineraryEquations, x: Array, i: int) -> bool:
-    """Whether event `i` and the next, at once, may also happen in the reverse order.
-
-    Then the orbit, and what disturbances become, are the same, as of a symmetric machine.
-    """
-    turned = reversed_order(problem, x, NONE, i)
-    if turned is None:
-        return False
-    left = [abs(one.residual(z, NONE)).max() for one, z in ((problem, x), turned)]
-    found = [one.monodromy(z, NONE) for one, z in ((problem, x), turned)]
-    sizes = 1.0 + abs(np.array(found)).max()
-    return bool(max(left) < _SAME and abs(np.subtract(*found)).max() < _SAME * sizes)
 
 
 def _singular(problem: ItineraryEquations, x: Array) -> bool:

@@ -18,6 +18,12 @@ _PARTS = 1e-6
 """Of a tangent of length one: phases that move apart by less stay together."""
 
 
+_NO_VALUES = np.empty(0)
+
+_LIKE = 1e-9
+"""Relative difference of two orbits, and of their derivatives: where it is more, they differ."""
+
+
 def at_once(system: Any, event: Happening, after: Regimes) -> list[Happening]:
     """An event of a slider, and those of the other sliders that yield or halt with it, in turn."""
     k, now, found = event.element, event.mode, [event]
@@ -115,6 +121,20 @@ def reversed_order(problem: Any, x: Array, p: Array, i: int) -> tuple[Any, Array
     s = problem.at(x, p)
     stations, moved = _in_order(problem, s, [run[::-1] for run in _runs(s)])
     return problem._of(x, stations) if i in moved else None
+
+
+def commute(problem: Any, x: Array, i: int) -> bool:
+    """Whether event `i` and the next, at once, may also happen in the reverse order.
+
+    Then the orbit, and what disturbances become, are the same, as of a symmetric machine.
+    """
+    turned = reversed_order(problem, x, _NO_VALUES, i)
+    if turned is None:
+        return False
+    left = [abs(one.residual(z, _NO_VALUES)).max() for one, z in ((problem, x), turned)]
+    found = [one.monodromy(z, _NO_VALUES) for one, z in ((problem, x), turned)]
+    sizes = 1.0 + abs(np.array(found)).max()
+    return bool(max(left) < _LIKE and abs(np.subtract(*found)).max() < _LIKE * sizes)
 
 
 def ordered(problem: Any, x: Array, way: float) -> tuple[Any, Array]:
