@@ -89,11 +89,20 @@ def test_numbers_that_are_none_are_refused(kind: Any, numbers: Any, message: str
 
 @pytest.mark.parametrize("numbers", [{"stiffness": 1e150}, {"stiffness": 1.0, "damping": 1e300}])
 def test_stops_too_stiff_for_their_masses_are_refused(numbers: Any) -> None:
-    pair = ImpactChain(masses=2, frequency=0.9, elements=[TABLE, SoftStop(0, **numbers)])
-    name = list(numbers)[-1]
-    message = rf"elements\[1\].{name}, over the mass that it acts on, must not exceed 1e\+60"
-    with pytest.raises(ValueError, match=message):
-        pair.simulate(impacts=1)
+    name, elements = list(numbers)[-1], [TABLE, SoftStop(0, **numbers)]
+    for place, own in ((1, elements), (0, elements[::-1])):
+        pair = ImpactChain(masses=2, frequency=0.9, elements=own)
+        message = (
+            rf"elements\[{place}\].{name}, over the mass that it acts on, must not exceed 1e\+60"
+        )
+        with pytest.raises(ValueError, match=message):
+            pair.simulate(impacts=1)
+
+
+@pytest.mark.parametrize("forces", ["a", [1j, "a"], [1j, None]])
+def test_harmonic_forces_that_are_no_numbers_are_refused(forces: Any) -> None:
+    with pytest.raises(ValueError, match="harmonic_forces must be an array of complex numbers"):
+        ImpactChain(masses=2, frequency=1.0, harmonic_forces=forces)
 
 
 @pytest.mark.parametrize("coordinate", ["a", 1.5, True, None, [], (0, 0.5, nan)])

@@ -8,12 +8,15 @@ which the masses part.
 from __future__ import annotations
 
 from collections.abc import Callable
+from contextlib import suppress
 from typing import Any
 
 import numpy as np
 import pytest
+from scipy.linalg import expm
 
 from dynkit import NoConvergence, continue_orbit
+from dynkit.core.no_motion import Refused
 from dynkit.core.validation import Array
 from dynkit.systems import DryFriction, HardStop, ImpactChain, MatrixOscillator, SoftStop
 
@@ -170,13 +173,151 @@ def test_a_parameter_parts_the_events(mass: int) -> None:
     assert sorted(sides) == [-1.0, 1.0]
 
 
-def test_hard_stops_that_are_hit_at_once_are_refused_by_name() -> None:
-    tables = [HardStop(mass, offset=-0.1, restitution=0.7) for mass in (0, 1)]
-    attractor = pair("soft stops", elements=tables).attractor(transient=400, impacts=40)
-    with pytest.raises(NoConvergence, match="events merge"):
+def hard(mass: int) -> HardStop:
+    return HardStop(mass, offset=-0.1, restitution=0.7)
+
+
+def above(mass: int) -> SoftStop:
+    return SoftStop(mass, offset=0.05, stiffness=5.0)
+
+
+def rubbing(mass: int) -> DryFriction:
+    return DryFriction(mass, force=0.03)
+
+
+BESIDE: dict[str, list[Callable[[int], Any]]] = {
+    "hard stops": [hard],
+    "hard and soft stops": [hard, above],
+    "hard stops and friction": [hard, rubbing],
+}
+
+
+def orbit_of(system: MatrixOscillator) -> Any:
+    return system.attractor(transient=400, impacts=40).periodic_orbit()
+
+
+def both(name: str, **parameters: Any) -> MatrixOscillator:
+    elements = [kind(mass) for kind in BESIDE[name] for mass in (0, 1)]
+    return pair("soft stops", elements=elements, **parameters)
+
+
+@pytest.mark.parametrize("name", BESIDE)
+def test_orbits_whose_hard_stops_are_hit_at_once_hold_those_of_one_mass(name: str) -> None:
+    alone = single("soft stops").replace(elements=[kind(0) for kind in BESIDE[name]])
+    one, two = orbit_of(alone), orbit_of(both(name))
+    assert two.admissible
+    assert two.error < 1e-10
+    assert two.impacts == 2 * one.impacts
+    phases = np.sort(two.phases % (2.0 * np.pi))
+    assert phases == pytest.approx(np.repeat(np.sort(one.phases % (2.0 * np.pi)), 2), abs=1e-12)
+    rest = np.polydiv(np.poly(two.multipliers), np.poly(one.multipliers))[1]
+    assert abs(rest).max() < 1e-9
+
+
+def test_disturbances_that_part_the_masses_are_those_of_the_other_mode() -> None:
+    # x_0 - x_1 moves by its own mode, and each impact is that of one mass.
+    one = orbit_of(single("soft stops").replace(elements=[hard(0)]))
+    two = orbit_of(both("hard stops"))
+    phases, after = one.phases, one.relative_velocity
+    whole, r = np.eye(2), 0.7
+    lasts = np.append(np.diff(phases), phases[0] + 2.0 * np.pi - phases[-1]) / 0.9
+    for k, phase in enumerate(np.roll(phases, -1)):
+        before = -np.roll(after, -1)[k] / r
+        pushed = 0.5 * np.sin(phase) + 1.5 * 0.1
+        rates = [pushed - 0.1 * v for v in (before, -r * before)]
+        struck = np.array([[-r, 0.0], [(rates[1] + r * rates[0]) / before, -r]])
+        whole = struck @ expm(lasts[k] * np.array([[0.0, 1.0], [-2.5, -0.1]])) @ whole
+    expected = np.polymul(np.poly(one.multipliers), np.poly(whole))
+    assert np.poly(two.multipliers) == pytest.approx(expected, abs=1e-9)
+
+
+def test_orbits_of_uncoupled_masses_have_each_multiplier_twice() -> None:
+    system = both("hard stops", K=((1.5, 0.0), (0.0, 1.5)))
+    one, two = orbit_of(single("soft stops").replace(elements=[hard(0)])), orbit_of(system)
+    assert np.sort(two.multipliers.real) == pytest.approx(
+        np.sort(np.repeat(one.multipliers.real, 2)), abs=1e-9
+    )
+
+
+def test_derivatives_through_impacts_at_once_are_those_of_differences() -> None:
+    # on the side where the same stop is hit next: on the other one the map is another one
+    system = both("hard stops")
+    for state in system.attractor(transient=400, impacts=4).states:
+        exact, end = system.jacobian(state), system(state)
+        for k, unit in enumerate(np.eye(4)):
+            for step in (1e-5, -1e-5):
+                with suppress(Refused):
+                    ends = [system(state + n * step * unit) for n in (1.0, 2.0)]
+                    near, far = (system.difference(one, end) for one in ends)
+                    if max(abs(near)) < 1e-3:
+                        break
+            assert abs((2.0 * near - 0.5 * far) / step - exact[:, k]).max() < 1e-7, k
+
+
+def test_hard_stops_whose_impacts_change_each_other_are_refused_by_name() -> None:
+    # a dashpot between the masses: an impact changes the acceleration of the other one
+    joined = both("hard stops", C=((0.15, -0.05), (-0.05, 0.15)))
+    attractor = joined.attractor(transient=400, impacts=40)
+    with pytest.raises(NoConvergence, match="order counts"):
         attractor.periodic_orbit()
     # what each impact shrinks is known: 0.7 squared, and the dashpots
-    found = attractor.system.stretching(attractor.final, 40)
+    found = joined.stretching(attractor.final, 40)
     assert found.times is not None
-    expected = 40 * 2.0 * np.log(0.7) - 0.2 * found.times.sum()
+    expected = 40 * 2.0 * np.log(0.7) - 0.3 * found.times.sum()
     assert found.logs.sum() == pytest.approx(expected, rel=1e-9)
+
+
+def test_friction_that_acts_on_both_masses_is_refused_where_it_turns_at_once() -> None:
+    attractor = pair("friction that turns", M=((1.0, 0.2), (0.2, 1.0))).attractor(
+        transient=400, impacts=40
+    )
+    with pytest.raises(NoConvergence, match="order counts"):
+        attractor.periodic_orbit()
+
+
+@pytest.mark.parametrize("restitution", [0.0, 0.7])
+def test_contacts_at_once_are_those_of_one_mass(restitution: float) -> None:
+    tables = [HardStop(mass, offset=-0.1, restitution=restitution) for mass in (0, 1)]
+    given: dict[str, Any] = {"frequency": 0.4}
+    one = orbit_of(single("soft stops").replace(elements=tables[:1], **given))
+    two = orbit_of(pair("soft stops").replace(elements=tables, **given))
+    assert two.admissible
+    assert two.phases[0] % np.pi == pytest.approx(one.phases[0] % np.pi, abs=1e-8)
+    assert abs(two.multipliers).max() == 0.0
+
+
+def test_a_parameter_parts_impacts_and_the_branch_holds_both_orders() -> None:
+    parameter, bounds = "elements[0].offset", (-0.11, -0.09)
+    orbit = orbit_of(both("hard stops"))
+    branch = continue_orbit(orbit, parameter, bounds=bounds)
+    assert branch.admissible.all()
+    for border in branch.bifurcations:
+        assert abs(border.value + 0.1) <= border.error < 1e-10
+        assert "at once" in border.touching
+    for number in (0, len(branch.parameter) - 1):
+        there = branch.orbit(number)
+        again = there.system.attractor(transient=600, impacts=40).periodic_orbit()
+        assert np.poly(there.multipliers) == pytest.approx(np.poly(again.multipliers), abs=1e-9)
+
+
+def test_a_parameter_parts_impacts_and_switches_of_soft_stops() -> None:
+    parameter, bounds = "elements[0].offset", (-0.102, -0.098)
+    orbit = orbit_of(both("hard and soft stops"))
+    branch = continue_orbit(orbit, parameter, bounds=bounds)
+    border = branch.bifurcations[0]
+    assert abs(border.value + 0.1) <= border.error < 1e-10
+    (other,) = border.switch()
+    sides = []
+    for part in (branch, continue_orbit(other, parameter, bounds=bounds)):
+        near = abs(part.parameter + 0.1) > 1e-4
+        (side,) = {float(v) for v in np.sign(part.parameter + 0.1)[near & part.admissible]}
+        assert (part.admissible[near] == (side * (part.parameter[near] + 0.1) > 0.0)).all()
+        sides.append(side)
+    assert sorted(sides) == [-1.0, 1.0]
+
+
+def test_searches_find_orbits_whose_hard_stops_are_hit_at_once() -> None:
+    system = both("hard stops")
+    found = [orbit for orbit in system.find_orbits(impacts=4, periods=1) if orbit.admissible]
+    own = orbit_of(system)
+    assert [abs(orbit.phases - own.phases[0]).min() < 1e-9 for orbit in found] == [True]

@@ -374,7 +374,10 @@ class DrivenStructure(LagrangianStructure):
     @cached_property
     def _parts(self) -> Parts:
         """The elements, and the rules for their regimes."""
-        return Parts(self._elements, self._structure, self._normal)
+        numbers = sorted(
+            range(len(self.elements)), key=lambda k: not isinstance(self.elements[k], HardStop)
+        )
+        return Parts(self._elements, self._structure, self._normal, numbers)
 
     @property
     def _normal(self) -> dict[int, int]:
@@ -430,6 +433,8 @@ def _forces(name: str, given: Any, size: int, kind: type[Any]) -> tuple[Any, ...
         return given
     unmasked(name, given)
     array = np.asarray(given)
+    if kind is complex and array.dtype.kind not in "iufc" and array.size:
+        raise ValueError(f"{name} must be an array of complex numbers; got {given!r}")
     parts = [array.real, array.imag] if kind is complex and np.iscomplexobj(array) else [array]
     for part in parts:
         finite_array(name, part, (size,))

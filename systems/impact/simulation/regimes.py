@@ -43,6 +43,8 @@ from dynkit.systems.structure.definiteness import check_semidefinite
 class Parts:
     """The elements of a machine, by number, and the rules for their regimes.
 
+    Messages name the elements by other numbers, those among the elements that a user gave.
+
     Attributes
     ----------
     normal : dict
@@ -59,7 +61,11 @@ class Parts:
     """
 
     def __init__(
-        self, elements: Sequence[Element], structure: Structure, normal: dict[int, int]
+        self,
+        elements: Sequence[Element],
+        structure: Structure,
+        normal: dict[int, int],
+        numbers: Sequence[int] = (),
     ) -> None:
         self._elements, self._structure, self.normal = tuple(elements), structure, normal
         self._regimes = [element.regimes for element in elements]
@@ -80,8 +86,8 @@ class Parts:
                 over = row @ structure.contact(row).response
                 if given > 0.0 and not given * over <= LARGEST:
                     raise ValueError(
-                        f"elements[{k}].{name}, over the mass that it acts on, must not exceed "
-                        f"{LARGEST:g}; got {given:g}"
+                        f"elements[{numbers[k]}].{name}, over the mass that it acts on, must not "
+                        f"exceed {LARGEST:g}; got {given:g}"
                     )
 
     def now(self, regimes: Sequence[int]) -> list[Regime]:

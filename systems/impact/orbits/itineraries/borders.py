@@ -331,7 +331,8 @@ class VanishingInterval(Border):
         s, i = self.problem.at(x, p), self.part
         j = (i + 1) % s.events
         if s.itinerary[i].element != s.itinerary[j].element:
-            return reversed_order(self.problem, x, p, i)
+            # impacts of one mode may be in any order
+            return None if self.problem.responds else reversed_order(self.problem, x, p, i)
         if self._kicks(s, [i, j]):
             return None
         whole = self._at_once(s)

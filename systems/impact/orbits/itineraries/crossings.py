@@ -37,30 +37,15 @@ def factors_of(s: Any) -> tuple[Array, Array]:
     Of what nothing drives from the guard of the first event to itself, along the motion. Of
     what sticks from each node to the next one, of motions in contact.
     """
-    d, found, least = s.dimension, [], _GRAZES * float(s.frequency)
-    for i in range(s.events):
-        moving = s.moving[i - 1]
-        passed = s.resets[i].copy()
-        if i in s.impulse_of:
-            j = s.impulse_of[i]
-            own = np.outer(s.kicks[i], s.rates[j]) * (1.0 + s.rebounds[1, j])
-            passed = s.resets[i] @ (np.eye(len(own)) - own)
-        row = s.guards[i] if s.driven or i else 0.0 * s.guards[i]
-        rate = float(row @ moving)
-        if i in s.impulse_of or abs(rate) > least * float(abs(row) @ s.measures):
-            later = row / rate if rate else row
-            passed = s.transitions[i] @ (passed - np.outer(passed @ moving, later))
-            passed += np.outer(s.moving[i], later)
-        else:
-            passed = s.transitions[i] @ (passed + np.outer(_parting(s, i), row))
-        found.append(passed[:d, :d])
+    d, m = s.dimension, s.measures[: s.dimension]
+    rows = s.guards.copy()
+    rows[0] *= s.driven
+    found = [_passed(s, i, row)[:d, :d] for i, row in enumerate(rows)]
     if not s.driven:
         moving = s.moving[-1, :d]
         row = s.guards[0][:d]
         found[-1] -= np.outer(moving / (row @ moving), row @ found[-1])
-    factors = np.array(found)
-    m = s.measures[:d]
-    factors = factors * m / m[:, None]
+    factors = np.array(found) * m / m[:, None]
     if s.course.sticks:
         factors = _in_contact(s, factors)
     elif s.progression.shift.size:
@@ -70,6 +55,30 @@ def factors_of(s: Any) -> tuple[Array, Array]:
     if s.course.sticks:
         grown = grown.sum() + np.zeros(len(factors))
     return factors, _ROUNDING * grown * abs(factors).max(axis=(1, 2), initial=0.0)
+
+
+def monodromy_from(s: Any, i: int) -> Array:
+    """Matrix (2N + J, 2N + J) from just before event `i` to a period later, at one phase."""
+    d, m = s.dimension, s.measures[: s.dimension]
+    found = np.eye(s.dimension)
+    for k in np.roll(np.arange(s.events), -i).tolist():
+        found = _passed(s, k, s.guards[k])[:d, :d] @ found
+    return np.asarray(found * m / m[:, None])
+
+
+def _passed(s: Any, i: int, row: Array) -> Array:
+    """Matrix (D, D) from just before event `i`, where this row is zero, to just before the next."""
+    moving, passed = s.moving[i - 1], s.resets[i].copy()
+    if i in s.impulse_of:
+        j = s.impulse_of[i]
+        own = np.outer(s.kicks[i], s.rates[j]) * (1.0 + s.rebounds[1, j])
+        passed = s.resets[i] @ (np.eye(len(own)) - own)
+    rate, least = float(row @ moving), _GRAZES * float(s.frequency)
+    if i in s.impulse_of or abs(rate) > least * float(abs(row) @ s.measures):
+        later = row / rate if rate else row
+        passed = s.transitions[i] @ (passed - np.outer(passed @ moving, later))
+        return np.asarray(passed + np.outer(s.moving[i], later))
+    return np.asarray(s.transitions[i] @ (passed + np.outer(_parting(s, i), row)))
 
 
 def _parting(s: Any, i: int) -> Array:

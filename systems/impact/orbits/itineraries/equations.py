@@ -22,7 +22,7 @@ from dynkit.systems.impact.orbits.itineraries.happening import Happening
 from dynkit.systems.impact.orbits.itineraries.itinerary import counts_of, returns_of
 from dynkit.systems.impact.orbits.itineraries.motion import ItinerarySolution
 from dynkit.systems.impact.orbits.itineraries.openness import flights_are_open
-from dynkit.systems.impact.orbits.itineraries.parting import parted
+from dynkit.systems.impact.orbits.itineraries.parting import commute, ordered, parted
 from dynkit.systems.impact.orbits.itineraries.responses import ResponseSolution
 from dynkit.systems.impact.orbits.itineraries.shooting import ShootingSolution
 from dynkit.systems.impact.orbits.orbit import (
@@ -46,6 +46,9 @@ LEAST = 1e-13
 
 SLOW = 1e-9
 """Impacts of what sticks that are slower, beside the fastest, are rounding."""
+
+_MOVED = 1e-6
+"""Step of differences, in units of the unknowns."""
 
 _AT_REST = 2.0**-40
 """Largest position or velocity, over its typical size, of orbits that stand still at zero."""
@@ -93,6 +96,14 @@ class ItineraryEquations(ImpactProblem):
             return monodromy.factors(s)
         grazes = self.sticks and not s.impulses.all()
         return None if grazes or not s.factors[0].size else s.factors
+
+    def monodromy(self, x: Array, p: Array) -> Array:
+        """What disturbances become in a period, from the end of the longest flight on."""
+        s = self.at(x, p)
+        last = (int(np.argmax(s.durations)) + 1) % s.events
+        if isinstance(s, ResponseSolution):
+            return monodromy.monodromy_from(s, last)
+        return crossings.monodromy_from(s, last)
 
     @property
     def sticks(self) -> bool:
@@ -174,16 +185,31 @@ class ItineraryEquations(ImpactProblem):
 
     def states_moved(self, x: Array, p: Array, moved: Array) -> float:
         """Largest change of a section coordinate, where unknowns are off by as much, (m,)."""
-        states, scale, worst = self.at(x, p).section_states, self.scale(x), 0.0
+        s, scale, worst = self.at(x, p), self.scale(x), 0.0
         if not np.isfinite(moved).all():
             return math.inf
-        for k in np.flatnonzero(moved):
-            h = 1e-6 * scale[k]
-            there = x.copy()
-            there[k] += h
-            change = self.oscillator.difference(self.at(there, p).section_states, states)
-            worst += float(abs(change).max() / h * moved[k])
+        for k in np.flatnonzero(moved).tolist():
+            h = _MOVED * scale[k]
+            later = self._next_at_once(s, k)
+            # impacts at once stay in their order
+            for some in [[k, *later], later] if later else [[k]]:
+                there = x.copy()
+                there[some] += h
+                change = self.oscillator.difference(
+                    self.at(there, p).section_states, s.section_states
+                )
+                worst += float(abs(change).max() / h * moved[k])
         return worst
+
+    def _next_at_once(self, s: ResponseSolution, k: int) -> list[int]:
+        """Numbers of the impacts that follow at once the one of which unknown `k` is the phase."""
+        found: list[int] = []
+        while k < s.events and s.lasts[k] * s.frequency <= _MOVED:
+            k = s.ends(k)[1]
+            if k in found:
+                break
+            found.append(k)
+        return found
 
     # --- what comes again -------------------------------------------------------------------------
 
@@ -200,7 +226,7 @@ class ItineraryEquations(ImpactProblem):
         return self, x
 
     def departing(self, x: Array, way: float) -> tuple[Self, Array]:
-        return (self, x) if self.responds else parted(self, x, way)
+        return (self, x) if self.responds else ordered(*parted(self, x, way), way)
 
     def repeats(self, x: Array, within: float) -> bool:
         """Whether it is an orbit of a part of its period, run through several times."""
@@ -283,7 +309,7 @@ class ItineraryEquations(ImpactProblem):
     def _ascending(self, x: Array) -> tuple[Self, Array]:
         """The same impacts of one mode in the order of their phases."""
         phases, impulses, _ = self.layout.split(x)
-        order = np.argsort(phases)
+        order = np.argsort(phases, kind="stable")
         itinerary = tuple(self.itinerary[i] for i in order.tolist())
         same = self if itinerary == self.itinerary else self.remade(itinerary=itinerary)
         return same, np.concatenate([phases[order], impulses[order]])
@@ -298,8 +324,11 @@ class ItineraryEquations(ImpactProblem):
         if not self.driven or not len(impulses):
             return True
         ends = np.append(phases, phases[0] + TWO_PI * self.periods)
-        slow = bool((impulses <= LEAST * self.sizes[1]).any())
-        return not slow and bool(np.diff(ends).min() >= APART)
+        if (impulses <= LEAST * self.sizes[1]).any():
+            return False
+        n, own = len(phases), [event.element for event in self.itinerary]
+        near = np.flatnonzero(np.diff(ends) < APART).tolist()
+        return all(own[i] != own[(i + 1) % n] and commute(self, x, i) for i in near)
 
     def doubled(self, x: Array, disturbance: Array) -> tuple[Self, Array, Array]:
         turn, count = TWO_PI * self.periods, len(self.itinerary)

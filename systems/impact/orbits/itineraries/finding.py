@@ -23,7 +23,7 @@ from dynkit.systems.impact.orbits.itineraries.itinerary import (
     regimes_of,
 )
 from dynkit.systems.impact.orbits.itineraries.motion import AT_ONCE
-from dynkit.systems.impact.orbits.itineraries.parting import reversed_order
+from dynkit.systems.impact.orbits.itineraries.parting import commute
 from dynkit.systems.impact.orbits.itineraries.simulated import run_for, simulated
 from dynkit.systems.impact.orbits.machine import Machine
 from dynkit.systems.impact.orbits.orbit import NONE, ImpactOrbit
@@ -42,12 +42,15 @@ _STUCK = (
     "no isolated periodic orbit found from the guess: it is one of a family, as a slider that "
     "never slips may be anywhere; got {!r}"
 )
+_MERGE = "no periodic orbit found from the guess, but one whose events merge"
+_IN_TURN = (
+    "no periodic orbit found from the guess, but one in which two events merge whose order counts; "
+    "got {!r} and {!r}"
+)
 _NEVER = "the motion does not come again: the nearest solution of its equations is no motion"
 _HELD = "the motion is not released by a stop at the same phase again"
 _SINGULAR = 1e-13
 """Ratio of singular values of the equations' derivative: where it is less, it is rounding."""
-_SAME = 1e-9
-"""Relative difference of two orbits, and of their multipliers: where it is more, they differ."""
 _SAMPLES, _TRANSIENT = 64, 700
 _CYCLE = 256
 """Periods of the forcing, impacts, or switches, within which a cycle comes again."""
@@ -198,26 +201,16 @@ def _solved(problem: ItineraryEquations, guess: Array) -> tuple[Array, tuple[flo
         raise NoConvergence(_FAMILY if _singular(problem, guess) else str(failure)) from failure
     s = problem.at(x, NONE)
     together = np.flatnonzero(abs(s.durations) <= AT_ONCE * s.period)
-    if s.events > 1 and not all(_commute(problem, x, i) for i in together.tolist()):
-        raise NoConvergence("no periodic orbit found from the guess, but one whose events merge")
+    for i in together.tolist() if s.events > 1 else ():
+        pair = s.itinerary[i].element, s.following[i].element
+        if pair[0] == pair[1]:
+            raise NoConvergence(_MERGE)
+        if not commute(problem, x, i):
+            elements = problem.oscillator._elements
+            raise NoConvergence(_IN_TURN.format(*(elements[k] for k in pair)))
     if _singular(problem, x):
         raise NoConvergence(_FAMILY)
     return x, history
-
-
-def _commute(problem: ItineraryEquations, x: Array, i: int) -> bool:
-    """Whether event `i` and the next, at once, may also happen in the reverse order.
-
-    Then orbit and multipliers are the same, as of a symmetric machine.
-    """
-    turned = reversed_order(problem, x, NONE, i)
-    if turned is None:
-        return False
-    other, y = turned
-    apart = other.residual(y, NONE) - problem.residual(x, NONE)
-    found = [np.poly(one.multipliers(z, NONE)) for one, z in ((problem, x), turned)]
-    sizes = 1.0 + abs(np.array(found)).max()
-    return bool(abs(apart).max() < _SAME and abs(np.subtract(*found)).max() < _SAME * sizes)
 
 
 def _singular(problem: ItineraryEquations, x: Array) -> bool:

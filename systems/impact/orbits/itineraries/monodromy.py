@@ -59,6 +59,16 @@ def factors(solution: ResponseSolution) -> tuple[Array, Array] | None:
     return found, (ROUNDING + float(late)) * _norms(found)
 
 
+def monodromy_from(solution: ResponseSolution, i: int) -> Array:
+    """Matrix (2N, 2N) from just before impact `i`, as they come in time, to a period later."""
+    slots = solution.mode.layout.modes
+    flights, *jumps = _passages(solution)
+    found = np.eye(2 * len(slots))
+    for matrix in np.roll(_struck(solution, flights.matrices(slots), *jumps), 1 - i, axis=0):
+        found = matrix @ found
+    return found
+
+
 def _norms(matrices: Array) -> Array:
     return np.asarray(np.linalg.norm(matrices, axis=(1, 2)))
 
@@ -77,7 +87,7 @@ def _passages(solution: ResponseSolution) -> tuple[Transitions, Any, Array]:
 
     The numbers of the saltation are (n, 2).
     """
-    windows, order = solution.windows, np.argsort(solution.event_phases)
+    windows, order = solution.windows, np.argsort(solution.event_phases, kind="stable")
     one = len(order) == 1
     flights = solution.transition if one else solution.mode.transitions(solution.lasts[order])
     r, sides = solution.restitutions, solution.sides

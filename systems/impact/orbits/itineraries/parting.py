@@ -18,6 +18,12 @@ _PARTS = 1e-6
 """Of a tangent of length one: phases that move apart by less stay together."""
 
 
+_NO_VALUES = np.empty(0)
+
+_LIKE = 1e-9
+"""Relative difference of two orbits, and of their derivatives: where it is more, they differ."""
+
+
 def at_once(system: Any, event: Happening, after: Regimes) -> list[Happening]:
     """An event of a slider, and those of the other sliders that yield or halt with it, in turn."""
     k, now, found = event.element, event.mode, [event]
@@ -110,16 +116,59 @@ def reversed_order(problem: Any, x: Array, p: Array, i: int) -> tuple[Any, Array
     """The same motion where all events that happen at once happen in the reverse order.
 
     At a parameter of a symmetric machine several pairs may do so. None where one of event `i` and
-    the next is an impact, or ends a contact that begins with impacts.
+    the next begins a contact, or ends one that begins with impacts.
     """
     s = problem.at(x, p)
-    stations, found = problem._stations(s), False
-    for run in _runs(s):
-        order = _reversed(problem, s, run)
-        for n, event in zip(run, order, strict=False):
-            stations[n] = stations[n]._replace(event=event)
-        found = found or (i in run[:-1] and bool(order))
-    return problem._of(x, stations) if found else None
+    stations, moved = _in_order(problem, s, [run[::-1] for run in _runs(s)])
+    return problem._of(x, stations) if i in moved else None
+
+
+def commute(problem: Any, x: Array, i: int) -> bool:
+    """Whether event `i` and the next, at once, may also happen in the reverse order.
+
+    Then the orbit, and what disturbances become, are the same, as of a symmetric machine.
+    """
+    turned = reversed_order(problem, x, _NO_VALUES, i)
+    if turned is None:
+        return False
+    left = [abs(one.residual(z, _NO_VALUES)).max() for one, z in ((problem, x), turned)]
+    found = [one.monodromy(z, _NO_VALUES) for one, z in ((problem, x), turned)]
+    sizes = 1.0 + abs(np.array(found)).max()
+    return bool(max(left) < _LIKE and abs(np.subtract(*found)).max() < _LIKE * sizes)
+
+
+def ordered(problem: Any, x: Array, way: float) -> tuple[Any, Array]:
+    """The same motion where events that happen at once have the order beyond: see `parted`.
+
+    As it is where its order is that on one of the two sides.
+    """
+    s = problem.at(x, problem.values)
+    if not (runs := _runs(s)):
+        return problem, x
+    speeds = _speeds(problem, x, way)
+    orders, other = (
+        [sorted(run, key=lambda k: round(way * speeds[k] / _PARTS)) for run in runs]
+        for way in (1.0, -1.0)
+    )
+    if runs in (orders, other):
+        return problem, x
+    found: tuple[Any, Array] = problem._of(x, _in_order(problem, s, orders)[0])
+    return found
+
+
+def _in_order(problem: Any, s: Any, orders: list[list[int]]) -> tuple[list[Any], set[int]]:
+    """The stations of an itinerary, those of runs in these orders; and which have another place.
+
+    A run of which there is no such order stays as it is.
+    """
+    own, moved = problem._stations(s), set[int]()
+    stations = own.copy()
+    for run, order in zip(_runs(s), orders, strict=True):
+        events = _events_in(problem, s, run, order) if order != run else []
+        for n, k, event in zip(run, order, events, strict=False):
+            stations[n] = own[n]._replace(event=event, impulse=own[k].impulse)
+            moved.add(n)
+    return stations, moved
 
 
 def _runs(s: Any) -> list[list[int]]:
@@ -134,20 +183,27 @@ def _runs(s: Any) -> list[list[int]]:
     return [run for run in runs if len(run) > 1]
 
 
-def _reversed(problem: Any, s: Any, run: list[int]) -> list[Happening]:
-    """The events of a run in the reverse order; empty where there is none."""
+def _events_in(problem: Any, s: Any, run: list[int], order: list[int]) -> list[Happening]:
+    """The events of a run in another order; empty where there is none."""
     events, mode = [s.itinerary[k] for k in run], s.itinerary[run[0]].mode
     own = [event.element for event in events]
     regimes = zip(events, own, strict=True)
     apart = len(set(own)) == len(own) and min(own) >= 0
     same = all(e.mode.numbers[k] == mode.numbers[k] for e, k in regimes)
-    kicks = any(event.kicked for event in events)
-    if kicks or not (apart and same) or (problem.sticks and set(run) & set(problem.nodes)):
+    begins = any(event.chatters for event in events)
+    if begins or not (apart and same) or (problem.sticks and set(run) & set(problem.nodes)):
         return []
-    found, numbers = [], list(mode.numbers)
-    for k, event in zip(reversed(run), reversed(events), strict=True):
-        found.append(event._replace(mode=regimes_of(problem.oscillator, numbers)))
-        changes = zip(event.mode.numbers, s.following[k].mode.numbers, strict=True)
-        for n, (before, after) in enumerate(changes):
-            numbers[n] = after if after != before else numbers[n]
+    found, numbers = [], mode.numbers
+
+    def changed(event: Happening, to: Regimes) -> tuple[int, ...]:
+        """The numbers, with the changes of those of an event."""
+        pairs = zip(numbers, event.mode.numbers, to.numbers, strict=True)
+        return tuple(after if after != before else now for now, before, after in pairs)
+
+    for k in order:
+        event = s.itinerary[k]
+        kicked = event.kicked and regimes_of(problem.oscillator, changed(event, event.kicked))
+        now = regimes_of(problem.oscillator, numbers)
+        found.append(event._replace(mode=now, kicked=kicked))
+        numbers = changed(event, s.following[k].mode)
     return found

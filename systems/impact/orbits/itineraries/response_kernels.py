@@ -124,9 +124,12 @@ def assemble(
     for i in range(n):
         side = sides[i]
         for j in range(n):
-            # an impulse that comes later in the period is that of the period before
+            # an impulse that comes later in the period, or at once and next, is that of the one
+            # before
             apart = phases[i] - phases[j]
             turns = math.floor(apart / turn)
+            if i < j and apart == turns * turn:
+                turns -= 1.0
             since = (apart - turns * turn) / clock
             out.turns[i, j], out.since[i, j] = turns, since
             if i != j and since < out.lasts[j]:

@@ -280,7 +280,7 @@ class ResponseSolution(ItinerarySolution):
 
     def passed(self, since: Array) -> Array:
         times = (self.event_phases - self.event_phases[0]) / self.clock
-        order = np.argsort(times)
+        order = np.argsort(times, kind="stable")
         which = order[np.searchsorted(times[order], since, side="right") - 1]
         states = self.mode.after(self.states, which, since - times[which])
         return self._states(states, np.exp(1j * (self.event_phases[0] + self.clock * since)))

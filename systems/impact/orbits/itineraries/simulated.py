@@ -21,6 +21,9 @@ from dynkit.systems.impact.simulation.trajectory import Trajectory
 _MOST = 4096
 """Impacts within which a time passes."""
 
+_OPENS = 1e-3
+"""Part of a period after which a gap that opens is more than rounding."""
+
 _BETWEEN = 64
 """Switches, for each of them, without an impact, within which it passes."""
 
@@ -101,7 +104,8 @@ def _without_order(times: Array, events: Sequence[Happening], within: float) -> 
 def _is_released(s: Any, node: int) -> bool:
     """Whether simulation from a release makes the same events until the next one.
 
-    How many impacts of a chatter are events is a choice.
+    How many impacts of a chatter are events is a choice. So near are gaps of stops that open at
+    once that rounding may make impacts of them.
     """
     begin = s.course.nodes[node]
     end = (*s.course.nodes, s.events)[node + 1]
@@ -112,10 +116,15 @@ def _is_released(s: Any, node: int) -> bool:
     start = state_at(s.oscillator, x, v, z[-3:-1], *own)
     count = 4 + len(due) + sum(chatter.run.impacts for chatter in s.chatters.values())
     seen = simulated(s.oscillator, start, float(due[-1]) + within, False, count, count)
-    # which slider slips at a release is rounding, and so is what is hit at once
-    begun = int(np.searchsorted(seen.times, within)) if s.machine.sliders else 0
+    # which slider slips at a release is rounding
+    opens = within if s.machine.sliders else 0.0
+    if begin and begin - 1 in s.course.nodes and s.durations[begin - 1] <= within:
+        opens = _OPENS * s.period
+    begun = int(np.searchsorted(seen.times, min(opens, float(due[0]) - within)))
     found = iter(zip(seen.times[begun:], seen.events[begun:], strict=True))
     for i, at in enumerate(due, begin + 1):
+        if at <= within and i in s.course.nodes:
+            return True  # it is released, too
         wanted = s.itinerary[i % s.events]
         time, event = next(found, (np.inf, wanted))
         if not _same(event, wanted, len(s.oscillator._stops)) or abs(time - at) > within:
