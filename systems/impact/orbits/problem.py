@@ -347,7 +347,8 @@ class ImpactProblem(PeriodicProblem, WatchedProblem):
         return np.asarray(self.at(x, p).rounding / self.units_of_equations)
 
     def linearization(self, x: Array, p: Array, multiplier: complex = 1.0) -> Any:
-        return self.at(x, p).jacobian(multiplier) / self.units_of_equations[:, None]
+        with np.errstate(over="ignore", invalid="ignore"):
+            return self.at(x, p).jacobian(multiplier) / self.units_of_equations[:, None]
 
     @final
     def parameter_derivative(self, x: Array, p: Array) -> Array:

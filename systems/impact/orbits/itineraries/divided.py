@@ -10,6 +10,7 @@ and the branch ends. Motions are those of a `ShootingSolution`.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable, Iterator
 from typing import TYPE_CHECKING, Any, NamedTuple
 
@@ -48,7 +49,6 @@ def _pair(oscillator: ImpactMap, itinerary: Itinerary, i: int, parted: set[int])
     event, n = itinerary[i], len(itinerary)
     if event.element < 0 or event.kicked:
         return None
-    number = event.mode.numbers[event.element]
     own = watch_of(oscillator, event)
     if own.stretch:
         return _slipped(oscillator, itinerary, i, own.to)
@@ -63,8 +63,10 @@ def _pair(oscillator: ImpactMap, itinerary: Itinerary, i: int, parted: set[int])
             curved = oscillator._elements[event.element].curved
             straight = not curved and event.element not in parted
             return Pair(first, max(before.order * straight, 1))
-        gaps = own.gap and before.gap and not (own.rate or own.force or before.rate or before.force)
-        if gaps and number and not other.mode.numbers[other.element]:
+        gaps = own.gap < 0.0 < before.gap and not any(
+            watch.rate or watch.force for watch in (own, before)
+        )
+        if gaps and math.isclose(own.level * before.gap, before.level * own.gap, abs_tol=0.0):
             return Pair(first, 1)
     return None
 
