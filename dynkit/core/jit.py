@@ -6,7 +6,7 @@ kernel source of the package.
 
 The cache holds machine code and an index that Python's pickle reads, and a pickle can run any code.
 So the folder must belong to the user and nobody else may write to it; otherwise a temporary folder
-replaces it. Nothing else that dynkit reads is code.
+replaces it. heyoka keeps code, too, in a folder of its own. Nothing else that dynkit reads is code.
 """
 
 from __future__ import annotations
