@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from bisect import bisect_right
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 from functools import cache
 from typing import TYPE_CHECKING, Any, NamedTuple
 
@@ -15,7 +16,7 @@ from dynkit.orbits.newton import NoConvergence
 from dynkit.systems.impact.elements.element import HALT, JUMP, EventKind
 from dynkit.systems.impact.elements.laws import ImpactLaw
 from dynkit.systems.impact.elements.stops import HardStop
-from dynkit.systems.impact.orbits.itineraries.flying import Flights, flights_of, number_of
+from dynkit.systems.impact.orbits.itineraries.flying import Flights, flights_of, number_of, same
 from dynkit.systems.impact.orbits.itineraries.happening import Happening, Itinerary
 from dynkit.systems.impact.orbits.machine import Machine, Regimes
 from dynkit.systems.impact.records.event_counts import element_names
@@ -154,7 +155,7 @@ def events_seen(
     def watched(before: int, guard: Any) -> tuple[Regimes, int, Flights]:
         mode = mode_of(before)
         guards = automaton.parts.now(run.regimes[before])[guard.element].guards
-        return mode, number_of(guards, guard.watch), flights_of(oscillator, machine, mode)
+        return mode, _lasting(guards, guard.watch), flights_of(oscillator, machine, mode)
 
     times: list[float] = []
     events: list[Happening] = []
@@ -193,10 +194,11 @@ def events_seen(
         last = begin
         (mode, number, moving), z = watched(before, guard), reached[k - 1]
         if not hit:
+            if number < 0:
+                continue
             value, row = moving.observed(guard.element, number, z)
             if (
                 guard.element in now
-                or guard.watch.event == JUMP
                 or (guard.element in machine.sliders and now.intersection(machine.sliders))
                 or abs(value) > _ZERO * (abs(row) @ sizes)
             ):
@@ -211,6 +213,21 @@ def events_seen(
         states.append(z[:-3])
     shape = len(times), machine.size + oscillator._size
     return Seen(np.array(times), tuple(events), np.array(states).reshape(shape))
+
+
+def _lasting(guards: Sequence[Any], watch: Any) -> int:
+    """Number of the guard that lasts and is zero where one of a regime is; -1 if there is none.
+
+    Slip that ends as another event happens may be found reversed, rather than at its zero.
+    """
+    if watch.event != JUMP:
+        return number_of(guards, watch)
+    lasting = (
+        k
+        for k, own in enumerate(guards)
+        if own.event != JUMP and same(replace(own, to=watch.to), watch)
+    )
+    return next(lasting, -1)
 
 
 def _outcome(
