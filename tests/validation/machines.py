@@ -121,7 +121,9 @@ class _Pair:
         lost = np.flatnonzero(~(self.error < LOST))
         if len(lost):
             out.ended = "lost"
-            self.end = min(self.end, float(record.time[lost[0] - 1]) if lost[0] else 0.0)
+            last = lost[0] - 1
+            later = float(record.time[last] + 4.0 * self.error[last] / w) if lost[0] else 0.0
+            self.end = min(self.end, later)
         own, exact = self._impacts(), self._exact_impacts()
         if len(lost):
             own = [at for at in own if at < lost[0]]
