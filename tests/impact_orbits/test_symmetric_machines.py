@@ -275,9 +275,8 @@ def test_friction_that_acts_on_both_masses_is_refused_where_it_turns_at_once() -
         attractor.periodic_orbit()
 
 
-@pytest.mark.parametrize("restitution", [0.0, 0.7])
-def test_contacts_at_once_are_those_of_one_mass(restitution: float) -> None:
-    tables = [HardStop(mass, offset=-0.1, restitution=restitution) for mass in (0, 1)]
+def test_contacts_at_once_are_those_of_one_mass() -> None:
+    tables = [HardStop(mass, offset=-0.1, restitution=0.0) for mass in (0, 1)]
     given: dict[str, Any] = {"frequency": 0.4}
     one = orbit_of(single("soft stops").replace(elements=tables[:1], **given))
     two = orbit_of(pair("soft stops").replace(elements=tables, **given))

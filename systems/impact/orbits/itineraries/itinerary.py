@@ -341,8 +341,9 @@ def releases_in(events: Sequence[Happening], following: Sequence[Happening]) -> 
 
 
 def from_release(seen: Seen, first: int, end: float, within: float) -> Seen | None:
-    """The events from number `first`, a release, to the one before a release near a time."""
-    late = {k: abs(seen.times[k] - end) for k in seen.releases if k > first}
+    """The events from number `first`, a release, to the one before its next near a time."""
+    own = [k for k in seen.releases if seen.events[k].element == seen.events[first].element]
+    late = {k: abs(seen.times[k] - end) for k in own if k > first}
     last = min(late, key=late.__getitem__, default=first)
     return seen.part(first, last) if late and late[last] < within else None
 

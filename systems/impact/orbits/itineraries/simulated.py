@@ -64,16 +64,10 @@ def is_motion(s: Any) -> bool:
 
 def _comes_again(s: Any) -> bool:
     """Whether simulation from amid its longest mode finds the events of a period."""
-    i, n, clock = int(np.argmax(s.durations)), s.machine.size, s.clock
-    times = np.asarray((s.event_phases - s.event_phases[0]) / clock)
+    i = int(np.argmax(s.durations))
+    times = np.asarray((s.event_phases - s.event_phases[0]) / s.clock)
     since = float(times[i] + 0.5 * s.durations[i])
-    (z,) = s.passed(np.array([since]))
-    phase = float(s.event_phases[0]) + clock * since if s.driven else 0.0
-    closed = [k for k in s.following[i].mode.held if k < len(s.oscillator._stops)]
-    whole = np.append(z, [np.sin(phase), np.cos(phase), 1.0])
-    z = laid(s.flights(s.following[i].mode), closed, whole)[0][:-3]  # not off them by rounding
-    sliders = placed(s.oscillator, z[:n], z[2 * n :])[n:]  # nor these too far behind
-    start = s.oscillator.state(z[:n], z[n : 2 * n], phase % TWO_PI, sliders)
+    start = _amid(s, i, since)
     due = (times - since) % s.period
     turned = [(i + 1 + k) % s.events for k in range(s.events)]
     order = [k for k in turned if s.itinerary[k].element >= 0]
@@ -86,6 +80,18 @@ def _comes_again(s: Any) -> bool:
     stops = len(s.oscillator._stops)
     agree = all(_same(a, b, stops) for a, b in zip(found, wanted, strict=True))
     return agree and bool((abs(seen.times - due[order]) <= within).all())
+
+
+def _amid(s: Any, i: int, since: float) -> Any:
+    """The state after event `i`, that long after the first one."""
+    n = s.machine.size
+    (z,) = s.passed(np.array([since]))
+    phase = float(s.event_phases[0]) + s.clock * since if s.driven else 0.0
+    closed = [k for k in s.following[i].mode.held if k < len(s.oscillator._stops)]
+    whole = np.append(z, [np.sin(phase), np.cos(phase), 1.0])
+    z = laid(s.flights(s.following[i].mode), closed, whole)[0][:-3]  # not off them by rounding
+    sliders = placed(s.oscillator, z[:n], z[2 * n :])[n:]  # nor these too far behind
+    return s.oscillator.state(z[:n], z[n : 2 * n], phase % TWO_PI, sliders)
 
 
 def _without_order(times: Array, events: Sequence[Happening], within: float) -> list[Happening]:
@@ -104,8 +110,8 @@ def _without_order(times: Array, events: Sequence[Happening], within: float) -> 
 def _is_released(s: Any, node: int) -> bool:
     """Whether simulation from a release makes the same events until the next one.
 
-    How many impacts of a chatter are events is a choice. So near are gaps of stops that open at
-    once that rounding may make impacts of them.
+    How many impacts of a chatter are events is a choice. Where stops open at once it begins a
+    little later: their gaps are so small at first that rounding may make impacts of them.
     """
     begin = s.course.nodes[node]
     end = (*s.course.nodes, s.events)[node + 1]
@@ -114,12 +120,14 @@ def _is_released(s: Any, node: int) -> bool:
     own = 0.0, s.itinerary[begin].element, Motion.RELEASE, held
     x, v = np.append(z[:n], z[2 * n : -3]), beside(s.oscillator, z[n : 2 * n])
     start = state_at(s.oscillator, x, v, z[-3:-1], *own)
+    if begin and begin - 1 in s.course.nodes and s.durations[begin - 1] <= within:
+        late = min(_OPENS * s.period, 0.5 * float(due[0]))
+        since = (s.event_phases[begin] - s.event_phases[0]) / s.clock
+        start, due = _amid(s, begin, float(since) + late), due - late
     count = 4 + len(due) + sum(chatter.run.impacts for chatter in s.chatters.values())
     seen = simulated(s.oscillator, start, float(due[-1]) + within, False, count, count)
     # which slider slips at a release is rounding
     opens = within if s.machine.sliders else 0.0
-    if begin and begin - 1 in s.course.nodes and s.durations[begin - 1] <= within:
-        opens = _OPENS * s.period
     begun = int(np.searchsorted(seen.times, min(opens, float(due[0]) - within)))
     found = iter(zip(seen.times[begun:], seen.events[begun:], strict=True))
     for i, at in enumerate(due, begin + 1):
