@@ -16,7 +16,8 @@ if TYPE_CHECKING:
 
 ROUNDING = 2.0**-52
 # Residuals below the first are rounding; a solution has a residual below the second.
-_FLOOR, ACCEPTABLE = 16.0 * ROUNDING, 1e-10
+# Where equations are stiff, so has one below the third that rounding explains.
+_FLOOR, ACCEPTABLE, _STIFF = 16.0 * ROUNDING, 1e-10, 1e-8
 _OF_UNKNOWNS = 4.0 * ROUNDING
 SHORT = 1e-8
 """After a last step below this, in scaled unknowns, the direction need not be computed again."""
@@ -164,8 +165,10 @@ def correct(
                 return ended(Outcome.SINGULAR)
             trial, f_trial, size_trial = _damped(equations, y, step * scale, size, halvings)
             if not size_trial < size:
-                moved = 0.0
-                return ended(Outcome.CONVERGED if size <= ACCEPTABLE else Outcome.STALLED)
+                moved, near = 0.0, size <= ACCEPTABLE
+                if ACCEPTABLE < size < _STIFF:
+                    near = bool((abs(f) <= 4.0 * equations.rounding(y)).all())
+                return ended(Outcome.CONVERGED if near else Outcome.STALLED)
             slow = size_trial > 0.5 * size
             moved = float(np.sqrt(step @ step))
             y, f, size = trial, f_trial, size_trial

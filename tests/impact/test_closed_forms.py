@@ -1,7 +1,7 @@
 """Motions of machines whose closed forms are known, mirrored machines, and extremes."""
 
 from dataclasses import replace
-from math import atan2, cos, pi, sin, sqrt
+from math import atan2, cos, exp, pi, sin, sqrt
 from typing import Any
 
 import numpy as np
@@ -180,15 +180,19 @@ def test_the_forced_response_of_an_undamped_bilinear_oscillator_is_that_of_match
     assert sorted(events.time % (2 * pi / w)) == pytest.approx(exact, abs=1e-12)
 
 
-def test_stiff_soft_stops_tend_to_the_hard_stop_of_their_restitution() -> None:
-    # A dashpot of 2 zeta sqrt(k): the force is zero again after a time that goes with 1/sqrt(k),
-    # and the speed is then exp(-zeta w t1) of that before. So the motions differ by 1/sqrt(k).
-    zeta = 0.2
+def restitution_of(zeta: float) -> float:
+    """That of a stiff soft stop with a dashpot of 2 zeta sqrt(k), met by a mass of one."""
+    # The force is zero again after a time that goes with 1/sqrt(k), and the speed is then
+    # exp(-zeta w t1) of that before. So the motions differ by 1/sqrt(k).
     damped = sqrt(1.0 - zeta**2)
     ends = (pi - atan2(2.0 * zeta * damped, 1.0 - 2.0 * zeta**2)) / damped
-    shape = cos(damped * ends) - zeta / damped * sin(damped * ends)
-    restitution = -np.exp(-zeta * ends) * shape
-    table = HardStop(0, offset=-0.2, amplitude=0.1, restitution=float(restitution))
+    return -exp(-zeta * ends) * (cos(damped * ends) - zeta / damped * sin(damped * ends))
+
+
+def test_stiff_soft_stops_tend_to_the_hard_stop_of_their_restitution() -> None:
+    zeta = 0.2
+    restitution = restitution_of(zeta)
+    table = HardStop(0, offset=-0.2, amplitude=0.1, restitution=restitution)
     hard = ImpactChain(
         masses=1, frequency=2.2, damping=0.05, harmonic_forces=[0.7], elements=[table]
     )
@@ -206,6 +210,32 @@ def test_stiff_soft_stops_tend_to_the_hard_stop_of_their_restitution() -> None:
     slope = np.polyfit(np.log(stiffness), np.log(off), 1)[0]
     assert slope == pytest.approx(-0.5, abs=0.03)
     assert off[-1] < 1e-4
+
+
+@pytest.mark.parametrize(("masses", "damping", "impacts"), [(1, 0.0, 4), (3, 0.05, 2)])
+def test_orbits_of_stiff_soft_stops_tend_to_those_of_the_hard_stop(
+    masses: int, damping: float, impacts: int
+) -> None:
+    zeta, last = 0.3, masses - 1
+    chain = ImpactChain(
+        masses=masses,
+        damping=damping,
+        frequency=0.7,
+        harmonic_forces=[0.6] + [0.0] * last,
+        elements=[HardStop(last, restitution=restitution_of(zeta))],
+    )
+    hard = chain.attractor(transient=300).periodic_orbit()
+    assert hard.label == f"P({impacts},1)"
+    stiffness, off = 10.0 ** np.arange(6, 13, 2), []
+    for k in stiffness:
+        soft = SoftStop(last, stiffness=k, damping=2.0 * zeta * sqrt(k), name="stop")
+        orbit = chain.replace(elements=[soft]).attractor(transient=300).periodic_orbit()
+        assert orbit.counts == {"stop.presses": impacts}
+        expected = hard.multipliers[: len(orbit.multipliers)]
+        off.append(abs(orbit.multipliers - expected).max())
+    slope = np.polyfit(np.log(stiffness), np.log(off), 1)[0]
+    assert slope == pytest.approx(-0.5, abs=0.01)
+    assert off[-1] < 1e-5
 
 
 def mirrored(chain: ImpactChain) -> ImpactChain:

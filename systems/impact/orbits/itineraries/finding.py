@@ -50,7 +50,9 @@ _IN_TURN = (
 _NEVER = "the motion does not come again: the nearest solution of its equations is no motion"
 _HELD = "the motion is not released by a stop at the same phase again"
 _SINGULAR = 1e-13
-"""Ratio of singular values of the equations' derivative: where it is less, it is rounding."""
+"""Ratio of singular values of the equations' derivative, by rows: what is less is rounding."""
+_LARGE = 1e5
+"""Derivatives in scaled unknowns beyond which the states before all events are unknowns."""
 _SAMPLES, _TRANSIENT = 64, 700
 _CYCLE = 256
 """Periods of the forcing, impacts, or switches, within which a cycle comes again."""
@@ -159,8 +161,22 @@ def guess_of(
     if nodes[:1] != (0,):
         raise NoConvergence(_HELD)
     problem = ItineraryEquations(system, (), periods, seen.events, sizes, driven, nodes)
-    states = [] if problem.responds else [along.removed(seen.states[node]) for node in nodes]
-    return problem, np.concatenate([phases, _impulses(system, seen, phases), *states])
+    states = along.removed(seen.states)
+    own = [] if problem.responds else [states[node] for node in nodes]
+    guess = np.concatenate([phases, _impulses(system, seen, phases), *own])
+    if problem.responds or quiet or course.sticks or not _grows(problem, guess):
+        return problem, guess
+    known, every = guess[: -problem.dimension], tuple(range(len(seen.events)))
+    return problem.remade(nodes=every), np.concatenate([known, *states])
+
+
+def _grows(problem: ItineraryEquations, guess: Array) -> bool:
+    """Whether states hang on those of earlier events so much that rounding shows."""
+    try:
+        matrix = problem.linearization(guess, NONE) * problem.scale(guess)
+    except NoSolution:
+        return False
+    return bool(abs(matrix).max() > _LARGE)
 
 
 def _sizes(system: ImpactMap, state: ImpactState, seen: Seen, length: float) -> list[float]:
@@ -219,5 +235,6 @@ def _singular(problem: ItineraryEquations, x: Array) -> bool:
         matrix = problem.linearization(x, NONE) * problem.scale(x)
     except NoSolution:
         return False
+    matrix /= np.maximum(abs(matrix).max(axis=1), 1.0)[:, None]  # those of stiff stops are large
     sizes = np.linalg.svd(matrix, compute_uv=False)
     return not sizes[-1] > _SINGULAR * sizes[0]
