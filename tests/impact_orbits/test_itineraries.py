@@ -338,6 +338,19 @@ def test_a_slider_that_never_slips_is_refused_by_name() -> None:
         machine.periodic_orbit(start=machine.state([0.0], [0.0]))
 
 
+@pytest.mark.parametrize("transient", [1, 400])  # the velocities that are left are rounding
+def test_a_mass_that_comes_to_rest_between_others_is_refused_by_name(transient: int) -> None:
+    machine = ImpactChain(
+        masses=2,
+        damping=0.05,
+        frequency=0.8,
+        harmonic_forces=[0.5, 0.0],
+        elements=[DryFriction(0, force=0.6)],
+    )
+    with pytest.raises(NoConvergence, match="family"):
+        machine.attractor(transient=transient).periodic_orbit()
+
+
 def test_wrong_arguments_are_refused_by_name() -> None:
     with pytest.raises(NotImplementedError, match="a table of one coordinate, alone; got SoftStop"):
         BILINEAR.periodic_orbit(phases=[0.1])

@@ -214,7 +214,8 @@ def _solved(problem: ItineraryEquations, guess: Array) -> tuple[Array, tuple[flo
     try:
         x, history = solve(problem, guess, NONE)
     except NoConvergence as failure:
-        raise NoConvergence(_FAMILY if _singular(problem, guess) else str(failure)) from failure
+        family = _never_slips(problem) or _singular(problem, guess)
+        raise NoConvergence(_FAMILY if family else str(failure)) from failure
     s = problem.at(x, NONE)
     together = np.flatnonzero(abs(s.durations) <= AT_ONCE * s.period)
     for i in together.tolist() if s.events > 1 else ():
@@ -227,6 +228,14 @@ def _solved(problem: ItineraryEquations, guess: Array) -> tuple[Array, tuple[flo
     if _singular(problem, x):
         raise NoConvergence(_FAMILY)
     return x, history
+
+
+def _never_slips(problem: ItineraryEquations) -> bool:
+    """Whether friction of one element sticks in all modes."""
+    held = set(problem.itinerary[0].mode.held).intersection(
+        *(e.mode.held for e in problem.itinerary)
+    )
+    return any(k >= len(problem.oscillator._stops) for k in held)
 
 
 def _singular(problem: ItineraryEquations, x: Array) -> bool:
