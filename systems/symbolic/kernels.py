@@ -2,59 +2,27 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from typing import Any
 
-import numba
 import numpy as np
-from numba.core import types
-from numba.extending import intrinsic
 
 from dynkit.core.jit import kernel
 from dynkit.core.stretching import CLEAR
 from dynkit.core.validation import Array
-
-_settings: Any = numba.config
-
-INTERPRETED = bool(_settings.DISABLE_JIT)
-"""Whether Numba's compiler is switched off: then code is a function of Python."""
-
-
-@intrinsic
-def _called(_context: Any, _address: Any, state: Any, parameters: Any, out: Any) -> Any:
-    """Call machine code: void(state, parameters, out), of pointers to doubles."""
-    from llvmlite import ir
-
-    def code(context: Any, builder: Any, signature: Any, values: Any) -> Any:
-        arrays = zip(signature.args[1:], values[1:], strict=True)
-        pointers = [context.make_array(kind)(context, builder, v).data for kind, v in arrays]
-        called = ir.FunctionType(ir.VoidType(), [pointer.type for pointer in pointers])
-        builder.call(builder.inttoptr(values[0], called.as_pointer()), pointers)
-        return context.get_dummy_value()
-
-    return types.void(types.intp, state, parameters, out), code
-
-
-def _plain(
-    function: Callable[[Array, Array, Array], None], state: Array, parameters: Array, out: Array
-) -> None:
-    function(state, parameters, out)
-
-
-_call: Any = _plain if INTERPRETED else _called
+from dynkit.systems.symbolic.call_kernels import call
 
 
 @kernel(entry=True)
 def apply(code: Any, state: Array, parameters: Array, out: Array) -> None:
     """Fill out, modified in place, by one call."""
-    _call(code, state, parameters, out)
+    call(code, state, parameters, out)
 
 
 @kernel(entry=True)
 def apply_all(code: Any, states: Array, parameters: Array, out: Array) -> None:
     """Fill each row of out (n, m), modified in place, by a call for that row of states (n, d)."""
     for i in range(len(states)):
-        _call(code, states[i], parameters, out[i])
+        call(code, states[i], parameters, out[i])
 
 
 @kernel(entry=True)
@@ -67,7 +35,7 @@ def iterate(code: Any, parameters: Array, states: Array) -> int:
         The first row that is not finite, at which it stops; zero where all are.
     """
     for i in range(1, len(states)):
-        _call(code, states[i - 1], parameters, states[i])
+        call(code, states[i - 1], parameters, states[i])
         if not _finite(states[i]):
             return i
     return 0
@@ -110,7 +78,7 @@ def stretch(
     d = len(state)
     moved = room[1:]
     for i in range(len(logs)):
-        _call(code, state, parameters, room)
+        call(code, state, parameters, room)
         for k in range(d):
             state[k] = room[0, k]
         if not _finite(state):

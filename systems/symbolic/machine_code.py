@@ -2,33 +2,20 @@
 
 from __future__ import annotations
 
-import operator
-from collections.abc import Callable, Sequence, Sized
+from collections.abc import Sequence, Sized
 from dataclasses import dataclass
+from functools import partial
 from itertools import count
-from typing import TYPE_CHECKING, Any, TypeAlias, final
-
-import numpy as np
+from typing import TYPE_CHECKING, Any, final
 
 from dynkit.core.validation import Array
-from dynkit.systems.symbolic.kernels import INTERPRETED
+from dynkit.systems.symbolic.call_kernels import INTERPRETED, caller
 from dynkit.systems.symbolic.translation import Value, translate
 
 if TYPE_CHECKING:
     import sympy
 
-Function: TypeAlias = Callable[[Array, Array, Array], None]
-
 _numbers = count()
-
-_COMPARISONS = {
-    "<": operator.lt,
-    "<=": operator.le,
-    ">": operator.gt,
-    ">=": operator.ge,
-    "==": operator.eq,
-    "!=": operator.ne,
-}
 
 
 @final
@@ -63,9 +50,6 @@ def compiled(
     from numba.core.compiler_lock import global_compiler_lock
     from numba.core.registry import cpu_target
 
-    if INTERPRETED:
-        function = _plain(name, values, coordinates, parameters)
-        return Code(function, function)
     label = f"dynkit_symbolic_{next(_numbers)}"
     with global_compiler_lock:
         library = cpu_target.target_context.codegen().create_library(label)
@@ -86,7 +70,8 @@ def compiled(
         builder.ret_void()
         library.add_ir_module(module)
         library.finalize()
-        return Code(library.get_pointer_to_function(label), library)
+        address = library.get_pointer_to_function(label)
+    return Code(partial(caller(), address) if INTERPRETED else address, library)
 
 
 @final
@@ -118,40 +103,6 @@ class _Instructions:
         if sign == "!=":  # true of what is not a number, as in Python
             return self._builder.fcmp_unordered(sign, a, b)
         return self._builder.fcmp_ordered(sign, a, b)
-
-
-@final
-class _Numbers:
-    """NumPy's operations, as an `Arithmetic`."""
-
-    number = staticmethod(np.float64)
-    add, subtract = staticmethod(np.add), staticmethod(np.subtract)
-    multiply, divide = staticmethod(np.multiply), staticmethod(np.divide)
-    both, either = staticmethod(np.logical_and), staticmethod(np.logical_or)
-    choose = staticmethod(np.where)
-
-    def call(self, name: str, *arguments: Value) -> Value:
-        from scipy import special
-
-        return getattr(special if name in ("erf", "erfc") else np, name)(*arguments)
-
-    def compare(self, sign: str, a: Value, b: Value) -> Value:
-        return _COMPARISONS[sign](a, b)
-
-
-def _plain(
-    name: str,
-    values: Sequence[sympy.Expr],
-    coordinates: Sequence[sympy.Symbol],
-    parameters: Sequence[sympy.Symbol],
-) -> Function:
-    """The same as a Python function, which reads the expressions at each call."""
-
-    def function(state: Array, given: Array, out: Array) -> None:
-        symbols = dict(zip((*coordinates, *parameters), (*state, *given), strict=True))
-        out.reshape(-1)[:] = translate(name, values, symbols, _Numbers())
-
-    return function
 
 
 def wrapped(name: str, function: Any, dimension: int, parameters: int) -> Code:

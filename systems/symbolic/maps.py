@@ -209,7 +209,7 @@ def _names_of_method(kind: type[SymbolicMap]) -> tuple[str, ...]:
 def _names_of_static(kind: type[CompiledMap], parameters: tuple[str, ...]) -> tuple[str, ...]:
     from numba.extending import is_jitted
 
-    from dynkit.systems.symbolic.kernels import INTERPRETED
+    from dynkit.systems.symbolic.call_kernels import INTERPRETED
 
     function = kind.next_state
     if not (is_jitted(function) or INTERPRETED):

@@ -1,37 +1,16 @@
 """Kernels of impact laws: restitution as a function of the approach velocity, sums of bounces.
 
-A law is a program: rows (operation, two or three earlier rows or a number), of which each gives one
-number and the last one the result. So no law, and no number in it, is compiled.
+A law is a program: the address of machine code, and the numbers (k,) in it.
 """
 
 from __future__ import annotations
 
 import math
-
-import numpy as np
+from typing import Any
 
 from dynkit.core.jit import kernel
 from dynkit.core.validation import Array
-
-(
-    CONSTANT,
-    VELOCITY,
-    ADD,
-    MULTIPLY,
-    POWER,
-    EXP,
-    LOG,
-    SIN,
-    COS,
-    TANH,
-    ATAN,
-    LESS,
-    SELECT,
-) = range(13)
-"""Operations: LESS gives 1 or 0, SELECT one of two numbers by whether a third one is not 0."""
-
-REGISTERS = 64
-"""Rows that a program may have."""
+from dynkit.systems.symbolic.call_kernels import call
 
 LIMIT, SCALE, EXPONENT, NEXT_SCALE, NEXT_EXPONENT = range(5)
 """Of slow impacts: r(0+); where it is 1 r = 1 - scale u^exponent + (the next term), scale 0 where
@@ -46,55 +25,16 @@ error is x^2 of the sum; after so many bounces x = 1/(4096 p) for the exponent p
 
 
 @kernel()
-def evaluate(program: Array, velocity: float, registers: Array) -> float:
-    """The number that a program makes of a velocity; the registers are modified in place."""
-    value = 0.0
-    for i in range(program.shape[0]):
-        what = int(program[i, 0])
-        if what < 0:
-            break
-        x = registers[int(program[i, 1])]
-        y = registers[int(program[i, 2])]
-        if what == CONSTANT:
-            value = program[i, 3]
-        elif what == VELOCITY:
-            value = velocity
-        elif what == ADD:
-            value = x + y
-        elif what == MULTIPLY:
-            value = x * y
-        elif what == POWER:
-            value = x**y
-        elif what == EXP:
-            value = np.exp(x)
-        elif what == LOG:
-            value = np.log(x)
-        elif what == SIN:
-            value = np.sin(x)
-        elif what == COS:
-            value = np.cos(x)
-        elif what == TANH:
-            value = np.tanh(x)
-        elif what == ATAN:
-            value = np.arctan(x)
-        elif what == LESS:
-            value = 1.0 if x < y else 0.0
-        else:
-            value = x if registers[int(program[i, 3])] != 0.0 else y
-        registers[i] = value
-    return value
-
-
-@kernel(entry=True)
-def evaluate_all(program: Array, velocities: Array, registers: Array, found: Array) -> None:
-    """`evaluate` of velocities (n,); found (n,) is modified in place."""
-    for i in range(velocities.shape[0]):
-        found[i] = evaluate(program, velocities[i], registers)
+def evaluate(code: Any, numbers: Array, velocity: float, buffer: Array) -> float:
+    """The number that a program makes of a velocity; the buffer (1,) is modified in place."""
+    buffer[0] = velocity
+    call(code, buffer, numbers, buffer)
+    return float(buffer[0])
 
 
 @kernel()
 def bounce_sums(
-    program: Array, tail: Array, slowed: float, u: float, registers: Array
+    code: Any, numbers: Array, tail: Array, slowed: float, u: float, buffer: Array
 ) -> tuple[float, float, float]:
     """Sums of v/u and its cube over the bounces that leave at v, from u on; the largest r in them.
 
@@ -118,7 +58,7 @@ def bounce_sums(
             return first + part * series, cubes + part**3 * of_cubes, most
         first += part
         cubes += part * part * part
-        r = evaluate(program, slowed * v, registers)
+        r = evaluate(code, numbers, slowed * v, buffer)
         most = max(most, r)
         v *= slowed * r
         if not 0.0 <= v < math.inf:
@@ -140,7 +80,9 @@ def leading_sums(tail: Array, v: float) -> tuple[float, float]:
 
 
 @kernel(entry=True)
-def sum_all(program: Array, tail: Array, velocities: Array, registers: Array, found: Array) -> None:
+def sum_all(
+    code: Any, numbers: Array, tail: Array, velocities: Array, buffer: Array, found: Array
+) -> None:
     """The first of `bounce_sums` of velocities (n,); found (n,) is modified in place."""
     for i in range(velocities.shape[0]):
-        found[i] = bounce_sums(program, tail, 1.0, velocities[i], registers)[0]
+        found[i] = bounce_sums(code, numbers, tail, 1.0, velocities[i], buffer)[0]

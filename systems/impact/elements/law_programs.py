@@ -2,31 +2,18 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any, final
+from collections.abc import Sequence
+from functools import cache
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from dynkit.core.kept import kept
 from dynkit.core.validation import Array
-from dynkit.systems.impact.elements.law_kernels import (
-    ADD,
-    ATAN,
-    CONSTANT,
-    COS,
-    EXP,
-    LESS,
-    LOG,
-    MULTIPLY,
-    POWER,
-    REGISTERS,
-    SELECT,
-    SIN,
-    TANH,
-    VELOCITY,
-)
 
 if TYPE_CHECKING:
     import sympy
+
+    from dynkit.systems.symbolic.machine_code import Code
 
 _DIGITS, _MOST_DIGITS = 100, 2000
 """Digits of 1 - r, and of its terms, which cancel."""
@@ -49,92 +36,59 @@ def checked(given: Any, velocity: sympy.Symbol) -> Any:
     return given
 
 
-def program_of(expression: Any, velocity: sympy.Symbol) -> Array:
-    """The program (REGISTERS, 4) of an expression; ValueError for functions that it cannot have."""
-    writer = _Writer(velocity)
-    result = writer.row(expression)
-    if result != len(writer.rows) - 1:  # the last row is the result
-        writer.add(SELECT, result, result, result)
-    if len(writer.rows) > REGISTERS:
-        raise ValueError(
-            f"expression must not have more than {REGISTERS} operations; got {len(writer.rows)}"
-        )
-    out = np.full((REGISTERS, 4), -1.0)
-    out[: len(writer.rows)] = writer.rows
-    return out
+class Program(NamedTuple):
+    """An expression of the velocity as machine code, and the numbers (k,) in it."""
+
+    code: Code
+    numbers: Array
 
 
-@final
-class _Writer:
-    """Rows of a program; each expression has one, however often it occurs."""
+def program_of(expression: Any, velocity: sympy.Symbol) -> Program:
+    """The program of an expression; ValueError for functions that it cannot have.
 
-    def __init__(self, velocity: sympy.Symbol) -> None:
-        self.rows: list[tuple[float, float, float, float]] = []
-        self._velocity = velocity
+    Expressions that differ in their numbers alone share their machine code.
+    """
+    alike, symbols, numbers = _without_numbers(expression)
+    return Program(_code(alike, velocity, symbols), numbers)
 
-    def add(self, what: int, x: int = 0, y: int = 0, z: float = 0.0) -> int:
-        """Write a row; return its number."""
-        self.rows.append((what, x, y, z))
-        return len(self.rows) - 1
 
-    @kept
-    def row(self, e: Any) -> int:
-        """The row that gives an expression, or a condition: 1 where it is true."""
-        import sympy as sp
+def slope_of(expression: Any, velocity: sympy.Symbol) -> Program:
+    """The program of the derivative of the rebound velocity, for a restitution."""
+    alike, symbols, numbers = _without_numbers(expression)
+    return Program(_code(_slope(alike, velocity), velocity, symbols), numbers)
 
-        if e == self._velocity:
-            return self.add(VELOCITY)
-        if e in (sp.true, sp.false) or e.is_number:
-            return self._number(1.0 if e == sp.true else 0.0 if e == sp.false else float(e))
-        if isinstance(e, sp.exp):
-            return self.add(EXP, self.row(e.args[0]))
-        if isinstance(e, sp.Piecewise):
-            return self._pieces(e)
-        one = {sp.log: LOG, sp.sin: SIN, sp.cos: COS, sp.tanh: TANH, sp.atan: ATAN}
-        if e.func in one:
-            return self.add(one[e.func], self.row(e.args[0]))
-        many: dict[Any, Any] = {
-            sp.Add: lambda x, y: self.add(ADD, x, y),
-            sp.Mul: lambda x, y: self.add(MULTIPLY, x, y),
-            sp.Pow: lambda x, y: self.add(POWER, x, y),
-            sp.Max: lambda x, y: self.add(SELECT, y, x, self.add(LESS, x, y)),
-            sp.Min: lambda x, y: self.add(SELECT, x, y, self.add(LESS, x, y)),
-            sp.StrictLessThan: lambda x, y: self.add(LESS, x, y),
-            sp.StrictGreaterThan: lambda x, y: self.add(LESS, y, x),
-            sp.LessThan: lambda x, y: self._without(self.add(LESS, y, x)),
-            sp.GreaterThan: lambda x, y: self._without(self.add(LESS, x, y)),
-            sp.And: lambda x, y: self.add(MULTIPLY, x, y),
-            sp.Or: lambda x, y: self.add(SELECT, x, y, x),
-        }
-        if e.func in many:
-            first, *others = map(self.row, e.args)
-            for other in others:
-                first = many[e.func](first, other)
-            return first
-        if isinstance(e, sp.Abs | sp.sign | sp.Heaviside):  # the last two are slopes of others
-            positive = self.row(sp.StrictLessThan(0, e.args[0], evaluate=False))
-            if isinstance(e, sp.Heaviside):
-                return positive
-            sign = self.add(SELECT, self._number(1.0), self._number(-1.0), positive)
-            own = isinstance(e, sp.sign)
-            return sign if own else self.add(MULTIPLY, sign, self.row(e.args[0]))
-        raise ValueError(
-            "expression must be made of sums, products, powers, exp, log, sin, cos, tanh, atan, "
-            f"Abs, Min, Max and Piecewise; got {e}"
-        )
 
-    def _number(self, value: float) -> int:
-        return self.add(CONSTANT, 0, 0, value)
+def _without_numbers(expression: Any) -> tuple[Any, tuple[sympy.Symbol, ...], Array]:
+    """An expression with symbols in place of its numbers, the symbols, and the numbers (k,)."""
+    from sympy import Float, Symbol, preorder_traversal
 
-    def _without(self, condition: int) -> int:
-        """One less a condition."""
-        return self.add(SELECT, self._number(0.0), self._number(1.0), condition)
+    parts = (e for e in preorder_traversal(expression) if isinstance(e, Float))
+    symbols = {e: Symbol(f"c{k}", real=True) for k, e in enumerate(dict.fromkeys(parts))}
+    numbers = np.array([float(e) for e in symbols])
+    return expression.xreplace(symbols), tuple(symbols.values()), numbers
 
-    def _pieces(self, e: Any) -> int:
-        found = self._number(np.nan)
-        for value, condition in reversed(e.args):
-            found = self.add(SELECT, self.row(value), found, self.row(condition))
-        return found
+
+@cache
+def _slope(expression: Any, velocity: sympy.Symbol) -> Any:
+    from dynkit.systems.symbolic.derivation import derivatives
+
+    return derivatives([velocity * expression], [velocity])[0]
+
+
+@cache
+def _code(expression: Any, velocity: sympy.Symbol, symbols: tuple[sympy.Symbol, ...]) -> Code:
+    from dynkit.systems.symbolic.machine_code import compiled
+
+    return compiled("expression", [expression], [velocity], symbols)
+
+
+def packed(programs: Sequence[Program]) -> tuple[Any, Array]:
+    """Addresses (laws,) and numbers (laws, k) of programs, for the kernels."""
+    codes = np.array([p.code.address for p in programs]) if programs else np.empty(0, np.intp)
+    numbers = np.zeros((len(programs), max((len(p.numbers) for p in programs), default=0)))
+    for row, own in zip(numbers, programs, strict=True):
+        row[: len(own.numbers)] = own.numbers
+    return codes, numbers
 
 
 def tail_of(expression: Any, velocity: sympy.Symbol) -> tuple[float, float, float, float, float]:

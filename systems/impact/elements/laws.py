@@ -8,11 +8,14 @@ from bisect import bisect_right
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any, TypeAlias, final
+from typing import TYPE_CHECKING, Any, TypeAlias, final
 
 import numpy as np
 
 from dynkit.core.validation import Array, check_fields, finite_scalar, in_interval, non_negative
+
+if TYPE_CHECKING:
+    from dynkit.systems.impact.elements.law_programs import Program
 
 JUMP = 2.0**-40
 """A law jumps where it changes within this part of a velocity by more than its slope predicts."""
@@ -29,8 +32,8 @@ class ImpactLaw(ABC):
     the reset of an impact, the slope d(r u)/du for disturbances, and the end of chatter are derived
     from it. It may override `tail`.
 
-    The fields are parameters of the machine, such as ``"table.restitution.velocity"``. Neither
-    another value nor another law needs a new compilation.
+    The fields are parameters of the machine, such as ``"table.restitution.velocity"``. Another
+    value needs no new compilation, and another law one of milliseconds.
 
     Raises
     ------
@@ -63,8 +66,8 @@ class ImpactLaw(ABC):
     def expression(self, velocity: Any) -> Any:
         """Return r as a SymPy expression of the approach velocity, a positive symbol.
 
-        It may contain sums, products, powers, exp, log, sin, cos, tanh, atan, Abs, Min, Max and
-        Piecewise.
+        It may contain the functions of a `SymbolicMap`: sums, products, powers, exp, log, sin, cos,
+        tanh, erf and others, Abs, Min, Max and Piecewise.
         """
 
     @property
@@ -151,26 +154,26 @@ class ImpactLaw(ABC):
     @final
     def bounces(self, velocities: Array) -> Array:
         """Sum of the velocities of all bounces from these on, over these; infinite without end."""
-        from dynkit.systems.impact.elements.law_kernels import REGISTERS, sum_all
+        from dynkit.systems.impact.elements.law_kernels import sum_all
 
-        found = np.empty(velocities.shape)
-        tail = np.array(self.tail, dtype=float)
-        sum_all(self.program, tail, velocities.ravel(), np.empty(REGISTERS), found.reshape(-1))
+        (code, numbers), found = self._program, np.empty(velocities.shape)
+        own = code.address, numbers, np.array(self.tail, dtype=float)
+        sum_all(*own, velocities.ravel(), np.empty(1), found.reshape(-1))
         return found
 
     @final
     @cached_property
-    def program(self) -> Array:
+    def _program(self) -> Program:
         """What kernels evaluate, see `law_kernels`."""
         from dynkit.systems.impact.elements.law_programs import program_of
 
         return program_of(self._given, self._velocity)
 
     @cached_property
-    def _slope_program(self) -> Array:
-        from dynkit.systems.impact.elements.law_programs import program_of
+    def _slope_program(self) -> Program:
+        from dynkit.systems.impact.elements.law_programs import slope_of
 
-        return program_of((self._velocity * self._given).diff(self._velocity), self._velocity)
+        return slope_of(self._given, self._velocity)
 
     @cached_property
     def _conditions(self) -> dict[Any, float]:
@@ -185,15 +188,15 @@ class ImpactLaw(ABC):
         return found
 
     @cached_property
-    def _pieces(self) -> list[tuple[Array, Array]]:
+    def _pieces(self) -> list[tuple[Program, Program]]:
         """Programs of the restitution, and of the slope, of each interval between `breaks`."""
-        from dynkit.systems.impact.elements.law_programs import program_of
+        from dynkit.systems.impact.elements.law_programs import program_of, slope_of
 
         edges, u, found = (0.0, *self.breaks), self._velocity, []
         for k, low in enumerate(edges):
             inside = 0.5 * (low + edges[k + 1]) if k + 1 < len(edges) else 2.0 * low + 1.0
             own = self._given.xreplace({c: c.subs(u, inside) for c in self._conditions})
-            found.append((program_of(own, u), program_of((u * own).diff(u), u)))
+            found.append((program_of(own, u), slope_of(own, u)))
         return found
 
     @cached_property
@@ -209,7 +212,7 @@ class ImpactLaw(ABC):
         return checked(self.expression(self._velocity), self._velocity)
 
     def _values(self, velocities: Array) -> Array:
-        return _evaluated(self.program, velocities)
+        return _evaluated(self._program, velocities)
 
     def __getstate__(self) -> dict[str, object]:
         return dict(self.numbers)
@@ -336,10 +339,10 @@ def share(restitution: Restitution, speeds: Array) -> Any:
     return 1.0 - restitution
 
 
-def _evaluated(program: Array, velocities: Array) -> Array:
-    from dynkit.systems.impact.elements.law_kernels import REGISTERS, evaluate_all
+def _evaluated(program: Program, velocities: Array) -> Array:
+    from dynkit.systems.symbolic.kernels import apply_all
 
-    found = np.empty(velocities.shape)
-    asked = np.ascontiguousarray(velocities, dtype=float).reshape(-1)
-    evaluate_all(program, asked, np.zeros(REGISTERS), found.reshape(-1))
-    return found
+    asked = np.ascontiguousarray(velocities, dtype=float).reshape(-1, 1)
+    found = np.empty(asked.shape)
+    apply_all(program.code.address, asked, program.numbers, found)
+    return found.reshape(np.shape(velocities))

@@ -140,12 +140,6 @@ class Forced:
         return out
 
     @cached_property
-    def still(self) -> bool:
-        """Whether all coordinates are free, and at rest at zero without forces."""
-        all_free = self.basis is not None and len(self.free) == self.rest.size
-        return all_free and not (self.turns or self.rest.any() or self.drift.any())
-
-    @cached_property
     def rest_terms(self) -> Array:
         """Sums (N,) of the absolute terms of the position of rest."""
         terms = self._rest_given.copy()

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import cached_property
 from typing import TYPE_CHECKING, cast
 
+from dynkit.core.kept import kept
 from dynkit.core.validation import (
     Array,
     boolean,
@@ -23,7 +23,6 @@ from dynkit.systems.impact.records.record import OF_IMPACTS, ImpactRecord
 from dynkit.systems.impact.simulation.state import (
     ImpactState,
 )
-from dynkit.systems.impact.variational.map_derivative import parameter_derivative
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -105,20 +104,15 @@ class ImpactOscillator(ImpactMap):
     """
 
     def parameter_derivative(self, state: Array, name: str) -> Array:
-        start = self.impact_state(state)
-        found = parameter_derivative(self, start, name)
-        if found is None and self._motion is None:
-            known = self._changes
-            if name not in known:
-                known[name] = change_by(self, name)
-            change = known[name]
-            found = None if change is None else map_derivative_by(self, start, change)
+        found, start = None, self.impact_state(state)
+        if self._motion is None and (change := self._changes_by(name)) is not None:
+            found = map_derivative_by(self, start, change)
         return super().parameter_derivative(state, name) if found is None else found
 
-    @cached_property
-    def _changes(self) -> dict[str, Array | None]:
-        """Derivatives of its numbers by some parameters."""
-        return {}
+    @kept
+    def _changes_by(self, name: str) -> Array | None:
+        """Derivatives of its numbers by a parameter."""
+        return change_by(self, name)
 
     @property
     def observables(self) -> Sequence[str]:

@@ -15,7 +15,6 @@ from dynkit.core.validation import Array
 from dynkit.dynamics.map import Arrivals
 from dynkit.exponential.propagators import cells_of_a_call, workspace
 from dynkit.systems.impact.elements.element import EventKind
-from dynkit.systems.impact.elements.law_kernels import REGISTERS
 from dynkit.systems.impact.records.record import ImpactRecord
 from dynkit.systems.impact.simulation.runs import MOST_CELLS, band_factor, fill_codes
 from dynkit.systems.impact.simulation.trajectory import Impacts
@@ -118,7 +117,7 @@ class Ensemble:
             Switches(time, rest, speed, before, guard, np.zeros((_SWITCHES, 2, slots))),
             workspace(slots),
             np.zeros(5, dtype=np.int64),
-            np.zeros(2 + REGISTERS),
+            np.zeros(3),
         )
 
     def _orbits(self, near: float) -> Any:

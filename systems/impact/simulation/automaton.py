@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from dynkit.core.validation import Array
 from dynkit.exponential.stacks import LadderStack, Stack
+from dynkit.systems.impact.elements import law_programs
 from dynkit.systems.impact.elements.element import (
     HALT,
     IMPACT,
@@ -88,10 +89,9 @@ class Automaton(JoinedModes):
         self._period = 2.0 * np.pi / excitation.frequency if strobed else 0.0
         stops = (e for e in self._elements if isinstance(e, HardStop))
         self._laws = [s.restitution for s in stops if isinstance(s.restitution, ImpactLaw)]
-        programs = [law.program for law in self._laws]
         alone = hit and len(self._elements) == 1 and not self._laws
         self.beside = None if alone else len(self._elements) - 1
-        self._programs = np.stack(programs) if programs else np.zeros((0, 1, 4))
+        self._codes, self._numbers = law_programs.packed([law._program for law in self._laws])
         self._tails = np.array([law.tail for law in self._laws], dtype=float).reshape(-1, 5)
         self._begin()
         self._number((0,) * len(self._elements))
@@ -322,7 +322,8 @@ class Automaton(JoinedModes):
             element=self.table[:, 1].copy(),
             target=self.table[:, 2].copy(),
             partner=np.array([g.partner for g in guards]),
-            programs=self._programs,
+            codes=self._codes,
+            numbers=self._numbers,
             tails=self._tails,
             change=stack.take("change", len(self._rows)),
             row=np.array([self._joined.get(k, 0) for k in range(len(guards))]),

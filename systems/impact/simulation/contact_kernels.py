@@ -56,7 +56,7 @@ class Tables(NamedTuple):
     coupling : (guards,) largest such change of a position or velocity
     restitution : (guards,) coefficient of restitution, where that is a number
     law : (guards,) number of the impact law; -1 where the restitution is a number
-    programs, tails : (laws, rows, 4) and (laws, 5), see `law_kernels`
+    codes, numbers, tails : (laws,), (laws, k) and (laws, 5), see `law_kernels`
     drop, hold : (guards,) by how much the gap's acceleration falls where its rate becomes negative,
         as friction turns, and which acceleration this friction can hold
     opens : (guards,) guard of a closed stop from which an impact pulls away; -1 where there is none
@@ -95,7 +95,8 @@ class Tables(NamedTuple):
     coupling: Array
     restitution: Array
     law: Indices
-    programs: Array
+    codes: Indices
+    numbers: Array
     tails: Array
     drop: Array
     hold: Array

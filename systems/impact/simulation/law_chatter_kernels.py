@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from typing import Any
 
 from dynkit.core.jit import kernel
 from dynkit.core.validation import Array
@@ -38,7 +39,7 @@ def chatter_by_law(
     second: float,
     third: float,
     fourth: float,
-    registers: Array,
+    buffer: Array,
 ) -> tuple[bool, float, float, float]:
     """As `chatter_completes`, by the law of guard `k`, and where it does: what is left out.
 
@@ -55,14 +56,15 @@ def chatter_by_law(
     if u >= SMALLEST and tables.coupling[k] * once > tolerance:
         return none
     law = tables.law[k]
-    program, tail, kick = tables.programs[law], tables.tails[law], tables.kick[k]
+    code, numbers = tables.codes[law], tables.numbers[law]
+    tail, kick = tables.tails[law], tables.kick[k]
     powers = tail[LIMIT] * slowed >= 1.0
     if powers and tail[SCALE] > 0.0 and tail[EXPONENT] < 1.0:
         # Half of the time by its leading term, before it is worked out.
         half = u / (a * (1.0 - tail[EXPONENT]) * tail[SCALE] * u ** tail[EXPONENT])
         if tolerance > 0.0 and _late(abs(third), 2.0 * half, a) > PLACE * tolerance:
             return none
-    first, cubes, most = bounce_sums(program, tail, slowed, u, registers)
+    first, cubes, most = bounce_sums(code, numbers, tail, slowed, u, buffer)
     if not first < math.inf:
         return none
     lost = once * cubes if u >= SMALLEST else 0.0
@@ -76,7 +78,7 @@ def chatter_by_law(
         # Each bounce loses 1 - r of its velocity: the acceleration must change by less in it.
         rest = 4.0 * u * first / a
         change = abs(third) + abs(drag(gap, kick)) * a + 0.5 * fourth * rest
-        r = evaluate(program, u, registers)
+        r = evaluate(code, numbers, u, buffer)
         if error > tolerance or rest > gap.window or change * rest > 0.25 * a:
             return none
         if change * (2.0 * u / a) > 0.25 * (1.0 - r) * a:
@@ -84,7 +86,7 @@ def chatter_by_law(
         place = place_error(gap, kick, u, rest, second, third)
         if tolerance > 0.0 and max(place, _late(change, rest, a)) > PLACE * tolerance:
             return none
-    rest = _rest(gap, kick, program, tail, drop, u, second, third, registers)
+    rest = _rest(gap, kick, code, numbers, tail, drop, u, second, third, buffer)
     return True, rest, lost, u * first
 
 
@@ -98,13 +100,14 @@ def _late(change: float, rest: float, a: float) -> float:
 def _rest(
     gap: Ladder,
     kick: Array,
-    program: Array,
+    code: Any,
+    numbers: Array,
     tail: Array,
     drop: float,
     u: float,
     second: float,
     third: float,
-    registers: Array,
+    buffer: Array,
 ) -> float:
     """As `chatter_rest`, by a law: bounce by bounce."""
     once, p, q, v, w, s, a, b = bounce_terms(drag(gap, kick), drop, u, second, third)
@@ -120,5 +123,5 @@ def _rest(
         begun = time
         time += once * rate + p * rate * rate + q * rate * begun
         rate *= s * (1.0 + v * rate + w * begun)
-        rate *= evaluate(program, rate, registers)
+        rate *= evaluate(code, numbers, rate, buffer)
     return time

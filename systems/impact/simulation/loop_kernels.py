@@ -178,14 +178,14 @@ def run(
     impacts, switches
         Logs, modified in place; that of impacts has `count` rows or none.
     work, waiting, waits
-        Buffers (5 integers, 2 numbers and the registers of impact laws), modified in place.
+        Buffers (5 integers and 3 numbers, the last one for impact laws), modified in place.
 
     Returns
     -------
     impacts, ending
     """
     y = work.states
-    registers = waits[2:]
+    buffer = waits[2:]
     ladders = tables.ladders
     codes = work.codes
     store = impacts.time.shape[0] > 0
@@ -413,7 +413,8 @@ def run(
         slots = tables.slots[m, : tables.counts[m]]
         r = tables.restitution[best]
         if beside is not None and tables.law[best] >= 0 and rate < 0.0:
-            r = evaluate(tables.programs[tables.law[best]], -rate, registers)
+            law = tables.law[best]
+            r = evaluate(tables.codes[law], tables.numbers[law], -rate, buffer)
             if not 0.0 <= r <= 1.0:
                 clock[WANTED], waits[1] = best, -rate
                 return done, LAW_BROKEN

@@ -186,8 +186,6 @@ class Course:
         most_cells: int,
         longest: float = 0.0,
     ) -> None:
-        from dynkit.systems.impact.elements.law_kernels import REGISTERS
-
         clock_kernels, kernels, _ = _kernels()
         free = oscillator._free
         q, turn = start._coordinates, start._turn
@@ -218,7 +216,7 @@ class Course:
         self._oscillator, self._start = oscillator, start
         self._noise, self._most_cells = noise, most_cells
         self._clock = clock
-        self._waiting: Any = np.zeros(5, dtype=np.int64), np.zeros(2 + REGISTERS)
+        self._waiting: Any = np.zeros(5, dtype=np.int64), np.zeros(3)
         self._switches: Any = None
         self._prepare(kernels.START, free.states(q, *turn)[None])
         if noise > 0.0:

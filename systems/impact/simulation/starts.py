@@ -11,7 +11,6 @@ import numpy as np
 from dynkit.core.no_motion import Refused
 from dynkit.core.validation import Array, finite_array, finite_scalar
 from dynkit.systems.impact.simulation.state import (
-    LARGE,
     TOUCHED,
     ImpactState,
     Motion,
@@ -22,7 +21,6 @@ from dynkit.systems.impact.simulation.state import (
     put_on,
     seen_along,
     state_at,
-    state_of,
     sticking,
     touched,
     unlike,
@@ -220,8 +218,6 @@ def entered(oscillator: DrivenStructure, start: ImpactState) -> ImpactState:
     """
     if start._system is oscillator or start._system == oscillator:
         return start
-    if (moved := _put_on_another(oscillator, start)) is not None:
-        return moved
     n, turn, u, stands = oscillator.degrees_of_freedom, start._turn, start.speed, oscillator._stops
     if start.position.shape != (n,):
         raise ValueError(f"start must have {n} masses; got {start.position.size}")
@@ -249,25 +245,3 @@ def entered(oscillator: DrivenStructure, start: ImpactState) -> ImpactState:
     v = beside(oscillator, v)
     # Where the table released it under other parameters, its contact force is not zero here.
     return state_at(oscillator, x, v, turn, u, start.element, Motion.TABLE, tuple(closed))
-
-
-def _put_on_another(oscillator: DrivenStructure, start: ImpactState) -> ImpactState | None:
-    """The state on this oscillator's table, where only another table moved the same structure.
-
-    The bits are those of `entered`. None elsewhere, and for coordinates so large that positions
-    might be infinite.
-    """
-    q, turn, both = start._coordinates, start._turn, (oscillator, start._system)
-    smooth = any(one._motion is not None for one in both)
-    if start.motion is Motion.FLIGHT or start.closed or smooth:
-        return None
-    own, other = (one._free.forced for one in both)
-    alone = all(one._automaton.beside is None for one in both)
-    if not alone or own.basis is not other.basis or not (own.still and other.still):
-        return None
-    x, v = own.basis.positions(q) + 0.0, own.basis.velocities(q) + 0.0
-    put_on(oscillator, 0, (), (x, v), turn[0], turn[1], start.speed)
-    q = own.basis.coordinates(x, v)
-    if not np.vdot(q, q) < LARGE**2:
-        return None
-    return state_of(oscillator, q, turn, start.speed, 0, Motion.TABLE)

@@ -14,8 +14,6 @@ from dynkit.systems.impact.elements.friction import FORWARD, STICKS
 from dynkit.systems.impact.elements.laws import ImpactLaw
 from dynkit.systems.impact.elements.stops import HardStop
 from dynkit.systems.impact.modes.mode import Mode
-from dynkit.systems.impact.simulation.parameters import changes_alone
-from dynkit.systems.impact.simulation.runs import trajectory_of
 from dynkit.systems.impact.simulation.state import ImpactState
 from dynkit.systems.impact.simulation.trajectory import grouped
 from dynkit.systems.impact.variational.saltation import comes_by_itself, reset
@@ -254,65 +252,6 @@ def _by_variations(oscillator: DrivenStructure, state: ImpactState, run: Traject
     return np.vstack([out[others], out[n + others], out[2 * n : -1], own * before, out[-1]])
 
 
-def parameter_derivative(
-    oscillator: DrivenStructure, state: ImpactState, name: str
-) -> Array | None:
-    """Derivative (2N,) of the impact map in section coordinates by a parameter of a stop.
-
-    Such a parameter does not change the structure or its propagators. It changes the position and
-    velocity of the stop at the begin and end of the flight. The result is None where no closed form
-    is known: for parameters that change others, for the frequency of harmonic forces, and where the
-    motion enters another mode.
-    """
-    forced = bool(oscillator._excitation.harmonic.any())
-    if (
-        oscillator._motion is not None
-        or oscillator._strobed
-        or oscillator._several
-        or oscillator._sliders
-        or oscillator._automaton.parts.normal
-        or not changes_alone(oscillator, name)
-        or (forced and name == "frequency")
-    ):
-        return None
-    run = trajectory_of(oscillator, state, 1, store=True)
-    if run.impacts < 1:
-        raise NoCrossing(f"there is no next impact: {run.ending.value}")
-    if len(run.switches.guard):
-        return None
-    contact, free = oscillator._contact, oscillator._free
-    side, time = run.final.element, float(run.time[0])
-    gap, sign = oscillator._gaps[side], oscillator._stops[side].sign
-
-    x, v = np.zeros((2, 1, len(contact.row)))
-    place, moving = _stop_by(oscillator, name, state, 0.0)
-    contact.put(x, place)
-    contact.put(v, moving)
-    none = np.zeros(1)
-    column = free.states(free.forced.coordinates(x, v, none, none), none, none)[0]
-    if free.layout.constant >= 0:
-        column[0, free.layout.constant] = 0.0
-    end, flow = _flow(free, free.states(state._coordinates, *state._turn), time)
-    change, rate = flow @ column.ravel(), free.rate(end).ravel()
-    place, speed = _stop_by(oscillator, name, run.final, time)
-    before = float(_row(gap, 2) @ end.ravel())
-    later = -(_row(gap, 0) @ change - sign * place) / before
-    change += later * rate
-    before_by = _row(gap, 2) @ change - sign * speed
-    r = _slope(oscillator._stops[side], before, float(run.log.speed[-1]))
-    law_by = before if name == "restitution" else 0.0
-    kick = free.placed(sign * contact.kick[:2])
-    change += reset(r, kick.ravel(), before_by)[:, 0] - law_by * kick.ravel()
-
-    q, by_sine, by_cosine = free.parts(change.reshape(1, 2, -1))
-    others = contact.others
-    position = free.forced.displacements(q, by_sine, by_cosine)[0, others]
-    velocity = free.forced.speeds(q, by_sine, by_cosine)[0, others]
-    speed_by = -r * before_by - law_by
-    phase = oscillator.frequency * later + (time if name == "frequency" else 0.0)
-    return np.array([*position, *velocity, speed_by if side == 0 else -speed_by, phase])
-
-
 def _scraped(part: Any, restitution: float, gap: Any, y: Array, derivative: Array) -> Array:
     """Change of a derivative (2 slots, d) by friction at an impact, by that before the impact.
 
@@ -375,26 +314,6 @@ def _slope(stop: HardStop, rate: float, speed: float) -> float:
     return float(law.slope(np.array([approach]))[0])
 
 
-def _stop_by(
-    oscillator: DrivenStructure, name: str, state: ImpactState, time: float
-) -> tuple[float, float]:
-    """Derivatives of a stop's position and velocity by a parameter, at a time after an impact.
-
-    The state is on this stop at the impact, and the phase of the impact is fixed.
-    """
-    (sine, cosine), near, w = state._turn, oscillator._stops[0], oscillator.frequency
-    if name == "amplitude":
-        return float(sine), float(w * cosine)
-    if name == "frequency":
-        turned = near.swing(cosine, -sine)
-        return float(time * turned), float(turned - w * time * near.swing(sine, cosine))
-    if name == "offset":
-        return 1.0, 0.0
-    if name == "play" and state.element == 1:
-        return float(near.sign), 0.0
-    return 0.0, 0.0
-
-
 def _lift(oscillator: DrivenStructure, state: ImpactState) -> Array:
     """Derivative (2 slots, d) of the free state, table included, by the section coordinates."""
     free, n, d = oscillator._free, oscillator.degrees_of_freedom, oscillator.dimension
@@ -446,13 +365,6 @@ def _turned(oscillator: DrivenStructure, side: int, sine: Array, cosine: Array) 
     if free.layout.constant >= 0:
         out[:, 0, free.layout.constant] = 0.0
     return np.asarray(out.reshape(len(sine), -1))
-
-
-def _flow(mode: Mode, y: Array, duration: float) -> tuple[Array, Array]:
-    """The state after a duration, and its derivative (2 slots, 2 slots) by the state before."""
-    slots, lasts = np.arange(y.shape[1]), np.array([duration])
-    end = mode.flown(y, lasts)[0]
-    return end, mode.transitions(lasts, slots).matrices(slots)[0]
 
 
 def _later(risen: Array, speed: float) -> Array:
