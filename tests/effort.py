@@ -10,6 +10,10 @@ from unittest.mock import patch
 
 from hypothesis import HealthCheck, settings
 
+from dynkit.systems.impact.modes import taylor_chart
+from dynkit.systems.symbolic import flows
+from dynkit.systems.symbolic.taylor import CODE
+
 PLAIN: Final = "dynkit"
 THOROUGH: Final = "thorough"
 
@@ -49,6 +53,28 @@ def some(cases: Sequence[_Case], every: int) -> Sequence[_Case]:
 def share(part: float) -> settings:
     """Settings with a part of the profile's examples, for properties that cost more than others."""
     return settings(max_examples=max(round(part * settings().max_examples), 1))
+
+
+def quick_code() -> None:
+    """Compile Taylor's method without optimising it, which takes longer than most motions of tests.
+
+    Tests of what users run take `optimised_code`.
+    """
+    if not is_thorough():
+        CODE["opt_level"] = 0
+
+
+@contextmanager
+def optimised_code() -> Iterator[None]:
+    """Compile Taylor's method as for users, where oscillators are made anew."""
+    charts = taylor_chart._integrator, taylor_chart._variations, taylor_chart._gradients
+    kept = *charts, flows._taylor_of
+    with patch.dict(CODE, {"opt_level": 3}):
+        for each in kept:
+            each.cache_clear()
+        yield
+    for each in kept:
+        each.cache_clear()
 
 
 @contextmanager

@@ -146,10 +146,11 @@ def test_derivatives_of_the_velocity_are_those_of_differences(name: str) -> None
 # --- sixty digits ---------------------------------------------------------------------------------
 
 
+@pytest.mark.usefixtures("optimised")
 @pytest.mark.parametrize("seed", range(8))
 @pytest.mark.parametrize("name", SYMBOLIC)
 def test_actual_errors_lie_under_the_estimate(name: str, seed: int) -> None:
-    flow, draw = SYMBOLIC[name], np.random.default_rng(seed)
+    flow, draw = SYMBOLIC[name].replace(), np.random.default_rng(seed)
     start = draw.uniform(*RANDOM_BOXES[name])
     duration = float(draw.uniform(0.0, DURATIONS[name]))
     exact = advanced_in_many_digits(FLOWS[name], start.tolist(), duration)
@@ -158,20 +159,24 @@ def test_actual_errors_lie_under_the_estimate(name: str, seed: int) -> None:
     assert off <= flow.accuracy * max(1.0, float(np.linalg.norm(start)))
 
 
+@pytest.mark.usefixtures("optimised")
 @pytest.mark.parametrize("place", range(2))
 @pytest.mark.parametrize("name", SYMBOLIC)
 def test_derivatives_are_those_of_sixty_digits(name: str, place: int) -> None:
-    flow, start = SYMBOLIC[name], STATES[name][place]
+    flow, start = SYMBOLIC[name].replace(), STATES[name][place]
     expected = derivative_in_many_digits(FLOWS[name], start, 0.5)
     off = np.linalg.norm(flow.derivative(start, 0.5) - expected)
     # a rounding of the state moves the derivative, too, by its own growth
     assert off <= flow.accuracy * np.linalg.norm(expected) ** 2
 
 
+@pytest.mark.usefixtures("optimised")
 @pytest.mark.parametrize("name", RETURNS)
 def test_returns_are_right_to_rounding(name: str) -> None:
     section, reduced = RETURNS[name]
-    hit = PoincareMap(SYMBOLIC[name], section, time_limit=50.0).crossing(np.array(reduced))
+    hit = PoincareMap(SYMBOLIC[name].replace(), section, time_limit=50.0).crossing(
+        np.array(reduced)
+    )
     time, state = crossing_in_many_digits(name)
     assert hit.state == pytest.approx(state, abs=16.0 * ROUNDING * float(np.linalg.norm(state)))
     assert hit.time == pytest.approx(time, rel=16.0 * ROUNDING)

@@ -41,6 +41,8 @@ from tests.impact.curved_cases import (
     floor,
 )
 
+pytestmark = pytest.mark.usefixtures("optimised")
+
 SYSTEMS: dict[str, Any] = {"bob": BOB, "bob, contact": STICKING_BOB, "bowl": BOWL, "arm": ARM}
 STARTS: dict[str, dict[str, Any]] = {
     "bob": {"position": [1.5]},
@@ -102,6 +104,14 @@ def test_a_function_that_is_a_coordinate_is_that_coordinate(
     for a, b in ((one.position, two.position), (one.velocity, two.velocity)):
         assert (abs(a - b).max(axis=1) <= allowed).all()
     assert (allowed < 1e-10).all()
+
+
+@pytest.mark.parametrize("name", SYSTEMS)
+def test_numbers_are_those_of_optimised_code(name: str) -> None:
+    begun(name, 2)
+    modes: Any = SYSTEMS[name]._automaton.modes
+    charts = [chart for mode in modes for chart in mode._charts._kept.values()]
+    assert {chart.integrator.llvm_state.opt_level for chart in charts} == {3}
 
 
 # --- sixty digits ---------------------------------------------------------------------------------

@@ -178,6 +178,7 @@ NUMBERS: dict[str, Any] = {
 }
 
 
+@pytest.mark.usefixtures("optimised")
 def test_errors_of_toda_s_chain_are_below_their_estimates() -> None:
     record = TodaChain(**NUMBERS).simulate(impacts=7)
     with mp.workdps(32):
@@ -192,6 +193,7 @@ def test_errors_of_toda_s_chain_are_below_their_estimates() -> None:
     assert system.engine == "Taylor"
 
 
+@pytest.mark.usefixtures("optimised")
 def test_the_derivative_of_the_impact_map_is_that_of_thirty_digits() -> None:
     system = TodaChain(**NUMBERS)
     record = system.simulate(impacts=40)

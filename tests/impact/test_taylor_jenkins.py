@@ -28,6 +28,8 @@ from tests.flows.cases import BITS, followed_in_many_digits, taylor
 from tests.impact.curved_cases import Bob, floor
 from tests.impact.taylor_cases import Bead, DoublePendulumAtAStop
 
+pytestmark = pytest.mark.usefixtures("optimised")
+
 JOINT = Jenkins(0, stiffness=2.0, force=0.2, name="joint")
 DUFFING = ImpactDuffing(frequency=0.9, force=0.6, elements=[JOINT])
 SYSTEMS: dict[str, Any] = {

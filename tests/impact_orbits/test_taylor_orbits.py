@@ -223,6 +223,7 @@ def test_a_mass_matrix_that_varies() -> None:
     assert np.poly(orbit.multipliers) == pytest.approx(np.poly(known), abs=1e-8)
 
 
+@pytest.mark.usefixtures("optimised")
 def test_the_error_of_toda_s_orbit_lies_over_its_actual_error() -> None:
     chain = TodaChain(masses=3, frequency=0.9)
     orbit = chain.attractor().periodic_orbit()

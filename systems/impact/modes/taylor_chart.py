@@ -49,6 +49,12 @@ def _heyoka() -> Any:
     return heyoka("a structure whose energies are not quadratic")
 
 
+def _code() -> dict[str, Any]:
+    from dynkit.systems.symbolic.taylor import CODE
+
+    return CODE
+
+
 @lru_cache(_MOST_KEPT)
 def _integrator(plan: Plan) -> Any:
     """Integrator of a plan, whose events are the guards."""
@@ -61,6 +67,7 @@ def _integrator(plan: Plan) -> Any:
         compact_mode=len(variables) > _LARGE,
         t_events=[hy.t_event(guard, direction=down, cooldown=0.0) for guard in guards],
         **_METHOD,
+        **_code(),
     )
 
 
@@ -82,7 +89,8 @@ def _variations(plan: Plan, places: tuple[int, ...] | None = None) -> Any:
         by = [part]
     system = hy.var_ode_sys(list(zip(variables, rates, strict=True)), by)
     large = plan.eliminates or len(system.sys) > _LARGE
-    return hy.taylor_adaptive(system, [0.0] * len(variables), compact_mode=large, **_METHOD)
+    options = {"compact_mode": large, **_METHOD, **_code()}
+    return hy.taylor_adaptive(system, [0.0] * len(variables), **options)
 
 
 @lru_cache(_MOST_KEPT)
@@ -99,7 +107,7 @@ def _gradients(plan: Plan, places: tuple[int, ...] | None, *, rates: bool) -> An
         given, part = _moved(hy, plan, places, given)
         by = [part]
     found = [hy.diff(value, each) for value in given for each in by]
-    return hy.cfunc(found, vars=variables, compact_mode=len(found) > _LARGE)
+    return hy.cfunc(found, vars=variables, compact_mode=len(found) > _LARGE, **_code())
 
 
 @cache
