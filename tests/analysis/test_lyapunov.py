@@ -315,3 +315,24 @@ def test_an_attractor_at_rest_is_refused() -> None:
     system = ImpactChain(masses=2, frequency=0.7, offset=-10.0)
     with pytest.raises(ValueError, match="attractor must have a state"):
         LyapunovSpectrum(system.attractor(transient=10, impacts=10))
+
+
+@dataclass(frozen=True)
+class OneIsHiddenAndOneIsLost(Map):
+    """Exponents log 2, log 1e-14, which errors of the derivatives hide, and minus infinity."""
+
+    dimension = 3
+
+    def __call__(self, state: Array) -> Array:
+        x, y, _ = finite_array("state", state, (3,))
+        return np.array([2.0 * x % 1.0, 1e-14 * y, 0.0])
+
+    def jacobian_factors(self, state: Array) -> tuple[Array, Array]:
+        return np.diag([2.0, 1e-14, 0.0])[None], np.array([1e-15])
+
+
+def test_a_hidden_exponent_stands_before_one_that_is_minus_infinity() -> None:
+    # The dimension is 1 + log 2 / log 1e14, and not the 1 of a hidden exponent in the last place.
+    spectrum = LyapunovSpectrum.of_map(OneIsHiddenAndOneIsLost(), [0.1, 0.1, 0.1], iterations=128)
+    assert spectrum.exponents == pytest.approx([np.log(2.0), np.nan, -np.inf], nan_ok=True)
+    assert np.isnan(spectrum.dimension)
