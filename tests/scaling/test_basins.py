@@ -182,6 +182,15 @@ class TwoBands(Map):
         return np.array([[3.9 * (1.0 - 2.0 * abs(x))]])
 
 
+@pytest.mark.parametrize("rate", [3.6, 3.68, 3.8283])
+def test_chaos_in_bands_and_intermittent_chaos_are_one_attractor(rate: float) -> None:
+    # A quadratic map has one attractor. At 3.8283 motions are near a ghost of an orbit of period 3
+    # for a hundred iterates and more (Pomeau and Manneville, Commun. Math. Phys. 74 (1980) 189).
+    starts = np.random.default_rng(7).random((300, 1))
+    found = basins(Logistic(rate=rate), starts, progress=False)
+    assert [basin.count for basin in found.basins] == [300]
+
+
 def test_two_chaotic_attractors_are_two() -> None:
     starts = np.array([0.1, -0.2, 0.3, -0.4, 0.6, -0.7])[:, None]
     found = basins(TwoBands(), starts, **BRIEF)
