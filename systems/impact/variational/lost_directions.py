@@ -64,8 +64,9 @@ def _at_impact(oscillator: DrivenStructure, run: Trajectory, k: int) -> int:
     s, automaton = run.segments, oscillator._automaton
     guard, point = automaton.guards[int(s.guard[k + 1])], int(s.point[k])
     law = oscillator._stops[int(run.element[point])].restitution
-    if oscillator._motion is not None:
-        return int(law == 0.0 or (isinstance(law, ImpactLaw) and run.log.speed[point] == 0.0))
+    law_of_speed = isinstance(law, ImpactLaw)
+    if oscillator._motion is not None or not (law_of_speed or guard.scrapes):
+        return int(run.log.speed[point] == 0.0 if law_of_speed else law == 0.0)
     mode = automaton.modes[guard.mode]
     lasts = s.begin[[k + 1]] - s.begin[k]
     y = mode.after(s.of(mode, [k]), np.zeros(1, dtype=np.intp), lasts)[0]
