@@ -294,8 +294,9 @@ class LyapunovSpectrum(Saved):
     def _dimension(self) -> tuple[float, float]:
         values, errors = self._exponents
         count = int(np.isfinite(values).sum())
-        # exponents that are zero within their errors count as zero, as for tori and limit cycles
-        zero = (abs(values) <= 2.0 * errors)[:count]
+        # exponents that are zero within their errors count as zero, as for tori and limit cycles;
+        # not where the errors cover two regimes
+        zero = (abs(values) <= 2.0 * errors)[:count] & (self.change is None)
 
         def dimension(exponents: Array, _: Array) -> Array:
             known = np.where(zero, 0.0, exponents)
@@ -308,7 +309,8 @@ class LyapunovSpectrum(Saved):
     def dimension(self) -> float:
         """Kaplan and Yorke's dimension; for a Poincare map, of the attractor in the section.
 
-        Exponents that are zero within twice their error count as zero.
+        Exponents that are zero within twice their error count as zero, unless the run changes its
+        regime.
         """
         return self._dimension[0]
 
