@@ -54,10 +54,12 @@ class LyapunovSpectrum(Saved):
     sustained chaos: `settled_label` of the attractor examines more states.
 
     An exponent is minus infinity, with the error zero, where the length of a direction has become
-    exactly zero. A sticking contact of an impact oscillator removes two directions, because the
-    position and the velocity of the sticking mass are those of the table. A single contact in the
-    run suffices, however rare contacts are; a run without a contact has finite last exponents. The
-    other exponents, and the dimension, are the same averages in both cases.
+    exactly zero: disturbances along it are forgotten in finite time. In an impact oscillator a
+    sticking contact removes two directions, because the position and the velocity of the sticking
+    mass are those of the table. Friction that sticks removes one, and so do a slider that slides
+    and an impact with restitution zero. A single such event in the run suffices, however rare they
+    are; a run without one has finite last exponents. The other exponents, and the dimension, are
+    the same averages in both cases.
 
     An exponent is NaN (not resolved) where a direction shrinks to less than a thousand errors of
     the derivatives. For a Poincare map this happens only within one part of a return; see
@@ -203,19 +205,19 @@ class LyapunovSpectrum(Saved):
         return averages.estimate(lambda mean: function(mean[order], mean[-1:]))
 
     def _completed(self, finite: Array, others: tuple[float, float]) -> Array:
-        """Return all exponents, or errors, (d,): finite ones, then lost and hidden directions."""
+        """Return all exponents, or errors, (d,): finite ones, then hidden and lost directions."""
         logs = self._run[0]
-        hidden = int(np.isnan(logs).any(axis=0).sum())
-        lost = logs.shape[1] - len(finite) - hidden
-        return read_only(np.concatenate([finite, np.repeat(others, (lost, hidden))]))
+        lost = int(np.isneginf(logs).any(axis=0).sum())
+        hidden = logs.shape[1] - len(finite) - lost
+        return read_only(np.concatenate([finite, np.repeat(others, (hidden, lost))]))
 
     def _exponents_of(
         self, function: Callable[[Array, Array], Array], accuracy: Array
     ) -> tuple[Array, Array]:
         values, errors = self._estimate(function)
         return (
-            self._completed(values, (-np.inf, np.nan)),
-            self._completed(errors + accuracy, (0.0, np.nan)),
+            self._completed(values, (np.nan, -np.inf)),
+            self._completed(errors + accuracy, (np.nan, 0.0)),
         )
 
     @cached_property
@@ -292,8 +294,9 @@ class LyapunovSpectrum(Saved):
     def _dimension(self) -> tuple[float, float]:
         values, errors = self._exponents
         count = int(np.isfinite(values).sum())
-        # exponents that are zero within their errors count as zero, as for tori and limit cycles
-        zero = (abs(values) <= 2.0 * errors)[:count]
+        # exponents that are zero within their errors count as zero, as for tori and limit cycles;
+        # not where the errors cover two regimes
+        zero = (abs(values) <= 2.0 * errors)[:count] & (self.change is None)
 
         def dimension(exponents: Array, _: Array) -> Array:
             known = np.where(zero, 0.0, exponents)
@@ -306,7 +309,8 @@ class LyapunovSpectrum(Saved):
     def dimension(self) -> float:
         """Kaplan and Yorke's dimension; for a Poincare map, of the attractor in the section.
 
-        Exponents that are zero within twice their error count as zero.
+        Exponents that are zero within twice their error count as zero, unless the run changes its
+        regime.
         """
         return self._dimension[0]
 

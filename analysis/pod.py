@@ -132,8 +132,12 @@ class POD(Saved):
         """
         matrix = self._products.sum(axis=0) / self._averages.durations.sum()
         found = float(np.trace(matrix))
-        if not found > 4.0 * len(matrix) * 2.0**-52 * self._mean_square:
-            raise ValueError(f"source must move about its {self.about}; got mean square {found}")
+        least = 4.0 * len(matrix) * 2.0**-52 * self._mean_square
+        if not found > least:
+            raise ValueError(
+                f"source must move about its {self.about} by a mean square of more than rounding, "
+                f"{least:g}; got {found:g}"
+            )
         return read_only(0.5 * (matrix + matrix.T))
 
     @property

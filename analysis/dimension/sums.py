@@ -27,6 +27,7 @@ Norm: TypeAlias = Literal["maximum", "euclidean"]
 """Norm of the distance of two states."""
 
 _SMALLEST, _LARGEST = 1e-150, 1e150  # numbers whose squares neither underflow nor overflow
+_LEAST = 1e-130  # of the largest state: the radii below it are many
 
 
 @final
@@ -162,6 +163,10 @@ def checked_states(states: object) -> Array:
         )
     if (largest := float(abs(array).max())) > _LARGEST:
         raise ValueError(f"states must not exceed {_LARGEST:g} in size; got {largest:g}")
+    if 0.0 < largest < _LEAST:
+        raise ValueError(
+            f"states must be zero, or some of them at least {_LEAST:g} in size; got {largest:g}"
+        )
     return array
 
 

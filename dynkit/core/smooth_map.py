@@ -307,7 +307,8 @@ class SmoothMap(Family, ABC):
         while done < count:
             here, found, lasts = self._followed(here, count - done)
             for factors, times[done] in zip(found, lasts, strict=True):
-                frame, logs[done], errors[done] = stretched(*factors, frame)
+                matrices, off, *lost = factors
+                frame, logs[done], errors[done] = stretched(matrices, off, frame, *lost)
                 done += 1
         return Stretching(logs, errors, None if np.isnan(times).any() else times, here, frame)
 
@@ -319,10 +320,11 @@ class SmoothMap(Family, ABC):
         self,
         state: Array,
         most: int,  # noqa: ARG002
-    ) -> tuple[Array, list[tuple[Array, Array]], Sequence[float]]:
+    ) -> tuple[Array, list[tuple[Any, ...]], Sequence[float]]:
         """The state after some iterates, at most `most`; `jacobian_factors` and time of each.
 
-        A time is NaN for a map without times.
+        After the factors and their errors may follow how many directions are known to be lost in
+        each factor. A time is NaN for a map without times.
         """
         return self.image(state), [self.jacobian_factors(state)], [np.nan]
 

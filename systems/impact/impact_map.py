@@ -39,6 +39,7 @@ from dynkit.systems.impact.simulation.state import (
     unpacked,
 )
 from dynkit.systems.impact.simulation.trajectory import Trajectory
+from dynkit.systems.impact.variational.lost_directions import lost_directions
 from dynkit.systems.impact.variational.map_derivative import derivatives, tangent
 
 if TYPE_CHECKING:
@@ -342,7 +343,7 @@ class ImpactMap(DrivenStructure, Map):
 
     def _followed(
         self, state: Array, most: int
-    ) -> tuple[Array, list[tuple[Array, Array]], Sequence[float]]:
+    ) -> tuple[Array, list[tuple[Any, ...]], Sequence[float]]:
         start = self.impact_state(state)
         alone = self._motion is not None or start.closed
         wanted = 1 if alone else max(1, min(most, _IMPACTS, _NUMBERS // self.dimension**2))
@@ -356,7 +357,8 @@ class ImpactMap(DrivenStructure, Map):
             run = self._run(start, cut, store=True)
         factors = derivatives(self, run)
         off = self.accuracy * np.linalg.norm(factors, axis=(1, 2))
-        found = list(zip(factors[:, None], off[:, None], strict=True))
+        lost = lost_directions(self, run).tolist()
+        found: list[tuple[Any, ...]] = list(zip(factors[:, None], off[:, None], lost, strict=True))
         return self.section_state(run.final), found, np.diff(run.time, prepend=0.0).tolist()
 
     def stretching(

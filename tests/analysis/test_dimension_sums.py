@@ -234,6 +234,10 @@ STATES = [[0.0, 0.0], [1.0, 1.0], [2.0, 0.0]]
         ),
         ({"states": [[0.0], [np.nan]]}, r"states\[1, 0\] must be a finite number; got nan"),
         ({"states": [[0.0], [1e200]]}, r"states must not exceed 1e\+150 in size; got 1e\+200"),
+        (
+            {"states": [[0.0], [1e-200]]},
+            "states must be zero, or some of them at least 1e-130 in size; got 1e-200",
+        ),
         ({"radii": []}, "radii must hold at least one; got none"),
         ({"radii": [1.0, 1.0]}, r"radii\[1\] must exceed radii\[0\]; got 1.0"),
         ({"radii": [0.0, 1.0]}, r"radii\[0\] must lie in \[1e-150, 1e\+150\]; got 0.0"),

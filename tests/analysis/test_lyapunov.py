@@ -315,3 +315,49 @@ def test_an_attractor_at_rest_is_refused() -> None:
     system = ImpactChain(masses=2, frequency=0.7, offset=-10.0)
     with pytest.raises(ValueError, match="attractor must have a state"):
         LyapunovSpectrum(system.attractor(transient=10, impacts=10))
+
+
+@dataclass(frozen=True)
+class OneIsHiddenAndOneIsLost(Map):
+    """Exponents log 2, log 1e-14, which errors of the derivatives hide, and minus infinity."""
+
+    dimension = 3
+
+    def __call__(self, state: Array) -> Array:
+        x, y, _ = finite_array("state", state, (3,))
+        return np.array([2.0 * x % 1.0, 1e-14 * y, 0.0])
+
+    def jacobian_factors(self, state: Array) -> tuple[Array, Array]:
+        return np.diag([2.0, 1e-14, 0.0])[None], np.array([1e-15])
+
+
+def test_a_hidden_exponent_stands_before_one_that_is_minus_infinity() -> None:
+    # The dimension is 1 + log 2 / log 1e14, and not the 1 of a hidden exponent in the last place.
+    spectrum = LyapunovSpectrum.of_map(OneIsHiddenAndOneIsLost(), [0.1, 0.1, 0.1], iterations=128)
+    assert spectrum.exponents == pytest.approx([np.log(2.0), np.nan, -np.inf], nan_ok=True)
+    assert np.isnan(spectrum.dimension)
+
+
+@dataclass(frozen=True)
+class ChaosThatEnds(Map):
+    """Exponents 0.4, -0.1 and -0.3 for 1000 iterates; after these the first is -0.2."""
+
+    dimension = 3
+
+    def __call__(self, state: Array) -> Array:
+        count, *_ = finite_array("state", state, (3,))
+        return np.array([count + 1.0, 0.0, 0.0])
+
+    def jacobian(self, state: Array) -> Array:
+        count = float(state[0])
+        first = 0.4 + 0.2 * np.cos(count**2) if count < 1000.0 else -0.2
+        return np.diag(np.exp([first, -0.1, -0.3]))
+
+
+def test_the_error_of_the_dimension_covers_those_before_and_after_a_change() -> None:
+    # At least 2.8 before the change, where the sum of the exponents is near 0; 0 after it.
+    spectrum = LyapunovSpectrum.of_map(ChaosThatEnds(), [0.0, 0.0, 0.0], iterations=1600)
+    assert spectrum.change is not None
+    assert abs(spectrum.exponents[0]) < 2.0 * spectrum.error[0]
+    assert abs(spectrum.dimension - 2.8) <= spectrum.dimension_error
+    assert spectrum.dimension <= spectrum.dimension_error

@@ -14,7 +14,18 @@ from dynkit.core.validation import Array
 from dynkit.dynamics.attractor import Attractor
 from dynkit.dynamics.map import Map
 from dynkit.plotting.figures import new_figure
-from dynkit.systems import BouncingBall, ImpactChain, SingleImpactOscillator
+from dynkit.systems import (
+    BouncingBall,
+    DryFriction,
+    HardStop,
+    ImpactChain,
+    ImpactOscillator,
+    Jenkins,
+    MatrixOscillator,
+    SingleImpactOscillator,
+    TodaChain,
+)
+from dynkit.systems.impact.elements.element import Element
 from tests.impact.one_mass import periodic_orbits
 
 
@@ -224,3 +235,84 @@ def impacts_of_chaos(system: ImpactChain, section: Array) -> int:
     motion = system.simulate(impacts=11_039, start=system.impact_state(section))
     change = abs(motion.relative_velocity[39:] - motion.relative_velocity[:-39])
     return int(np.flatnonzero(change > 1e-3).max(initial=0))
+
+
+def pair(*elements: Element, frequency: float = 1.0, force: float = 0.3) -> ImpactChain:
+    forces = [0.0, force]
+    return ImpactChain(
+        masses=2, damping=0.02, frequency=frequency, harmonic_forces=forces, elements=elements
+    )
+
+
+BELTS = [DryFriction(k, force=0.5 - 0.2 * k, static=0.8, velocity=0.2) for k in (0, 1)]
+HOLDING = {
+    "a slider": (pair(Jenkins(0, stiffness=2.0, force=0.1)), 1),
+    "two sliders": (
+        pair(Jenkins(0, stiffness=2.0, force=0.1), Jenkins(1, stiffness=1.0, force=0.1)),
+        2,
+    ),
+    "a slider beside a stop": (
+        ImpactChain(
+            masses=2,
+            damping=0.02,
+            frequency=1.3,
+            elements=[
+                HardStop(1, amplitude=0.2, restitution=0.8),
+                Jenkins(0, stiffness=2.0, force=0.05),
+            ],
+        ),
+        1,
+    ),
+    "friction": (pair(DryFriction(0, force=0.3), frequency=0.3, force=0.45), 1),
+    "an impact that stops the slip": (
+        MatrixOscillator(
+            M=np.eye(2),
+            C=0.1 * np.eye(2),
+            K=[[1.0, -0.2], [-0.2, 0.5]],
+            frequency=1.1,
+            constant_forces=[0.0, -0.4],
+            elements=[
+                HardStop(1, amplitude=1.2, restitution=0.6, name="table"),
+                DryFriction(0, coefficient=0.3, normal="table", velocity=0.2),
+            ],
+        ),
+        1,
+    ),
+    "friction beside springs that are not linear": (
+        TodaChain(
+            masses=2,
+            damping=0.02,
+            frequency=0.3,
+            harmonic_forces=[0.0, 0.45],
+            elements=[DryFriction(0, force=0.3)],
+        ),
+        1,
+    ),
+    "belts": (ImpactChain(masses=2, damping=0.01, frequency=1.0, elements=BELTS), 2),
+}
+
+
+@pytest.mark.parametrize(("system", "taken"), HOLDING.values(), ids=HOLDING)
+def test_what_holds_takes_directions_and_the_others_are_logarithms_of_multipliers(
+    system: ImpactOscillator, taken: int
+) -> None:
+    attractor = system.attractor(transient=1500)
+    orbit = attractor.periodic_orbit()
+    spectrum = LyapunovSpectrum(attractor, 2000)
+    left = system.dimension - taken
+    assert np.isneginf(spectrum.exponents).tolist() == left * [False] + taken * [True]
+    multipliers = np.sort(abs(orbit.multipliers))[::-1]
+    expected = np.log(multipliers[:left]) / attractor.label.iterates
+    assert spectrum.exponents[:left] == pytest.approx(expected, abs=1e-5)
+    assert (spectrum.error[left:] == 0.0).all()
+
+
+def test_a_plastic_stop_among_others_takes_two_directions() -> None:
+    stops = [HardStop(1, amplitude=0.3, restitution=0.0), HardStop(0, offset=-0.2, restitution=0.7)]
+    system = ImpactChain(masses=2, damping=0.05, frequency=1.3, elements=stops)
+    alone = ImpactChain(masses=2, damping=0.05, frequency=1.3, amplitude=0.3, restitution=0.0)
+    found, expected = (
+        LyapunovSpectrum(each.attractor(transient=300), 600).exponents for each in (system, alone)
+    )
+    assert np.isneginf(found).tolist() == [False, False, True, True]
+    assert found[:2] == pytest.approx(expected[:2], abs=1e-4)

@@ -49,7 +49,7 @@ def test_derivatives_of_one_run_are_those_from_each_impact_anew(name: str) -> No
     while done < 12:
         here, found, times = system._followed(here, 12 - done)
         assert 0 < len(found) == len(times) <= 12 - done
-        for (factor,), _ in found:
+        for (factor,), *_ in found:
             anew = system.jacobian(states[done])
             assert abs(factor - anew).max() < 1e-9 * max(1.0, abs(anew).max())
             done += 1

@@ -13,7 +13,7 @@ from dynkit.core.no_motion import Refused
 from dynkit.core.validation import Array, finite_array
 from dynkit.dynamics.map import Map
 from dynkit.labels.label import OrbitKind
-from dynkit.systems import Duffing, Henon, ImpactChain, Logistic, PlayOscillator
+from dynkit.systems import Duffing, Henon, ImpactChain, Logistic, PlayOscillator, SymbolicMap
 from tests.scaling.cases import SHORT, STARTS, attracted, bits
 
 BRIEF: dict[str, Any] = {"transient": 40, "keep": 20, "progress": False}
@@ -165,6 +165,15 @@ def test_a_chaotic_attractor_is_one() -> None:
     assert [(str(b.label), b.count) for b in found.basins] == [("chaotic", 9)]
 
 
+@pytest.mark.parametrize("rate", [3.6, 3.68, 3.8283])
+def test_chaos_in_bands_and_intermittent_chaos_are_one_attractor(rate: float) -> None:
+    # A quadratic map has one attractor. At 3.8283 motions are near a ghost of an orbit of period 3
+    # for a hundred iterates and more (Pomeau and Manneville, Commun. Math. Phys. 74 (1980) 189).
+    starts = np.random.default_rng(7).random((300, 1))
+    found = basins(Logistic(rate=rate), starts, progress=False)
+    assert [basin.count for basin in found.basins] == [300]
+
+
 @dataclass(frozen=True)
 class TwoBands(Map):
     """Two copies of the logistic map at rate 4, on [0, 1] and on [-1, 0]."""
@@ -186,6 +195,21 @@ def test_two_chaotic_attractors_are_two() -> None:
     starts = np.array([0.1, -0.2, 0.3, -0.4, 0.6, -0.7])[:, None]
     found = basins(TwoBands(), starts, **BRIEF)
     assert found.numbers.tolist() == [0, 1, 0, 1, 0, 1]
+
+
+class Cubic(SymbolicMap):
+    """x' = a x - x^3: odd; to a = 3 sqrt(3)/2 the attractors of x > 0 and x < 0 are two."""
+
+    a: float
+
+    def next_state(self, x: Any) -> tuple[Any, ...]:
+        return (self.a * x - x**3,)
+
+
+def test_chaos_in_bands_and_its_mirror_image_are_two() -> None:
+    starts = np.linspace(-1.5, 1.5, 200)[:, None] + 1e-3
+    found = basins(Cubic(a=2.45), starts, progress=False)
+    assert [basin.count for basin in found.basins] == [100, 100]
 
 
 def test_chaos_that_dies_out_is_what_it_comes_to() -> None:

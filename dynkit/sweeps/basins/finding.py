@@ -43,11 +43,12 @@ def basins(
     different orbits with the same label are separate attractors, and all motions on one orbit have
     the same attractor. A motion further than 1e-4 from its orbit is unsettled.
 
-    Chaotic motions are compared by the median distance of 64 states of one to the nearest of 2000
-    states of the other. They have the same attractor when it is less than three times that of 512
-    further states of the other. Attractors that are closer than this are not separated. Where chaos
-    ends within these 2512 states, the later motion decides. Quasi-periodic motions are compared in
-    the same way, after as many states as their labels examined.
+    Chaotic motions are compared by their states. Two of them have the same attractor when at least
+    half of 64 states of one, or of 1024 further ones, are on the attractor of the other: not
+    farther from the nearest of its 2000 states than the third neighbour of that state. Attractors
+    that are closer than this are not separated. Where chaos ends within these 2000 states, the
+    later motion decides. Quasi-periodic motions are compared in the same way, after as many states
+    as their labels examined.
 
     Motions without impacts are separated by the reasons of their endings.
 

@@ -24,11 +24,12 @@ if TYPE_CHECKING:
 # from its orbit is unsettled.
 NEAR, _ERRORS, _MOST = 1e-8, 3.0, 1e-4
 
-# States of a chaotic or quasi-periodic attractor; further states that give the scale of distances;
-# states of another motion to compare.
-_REFERENCE, _OWN, _SAMPLE = 2000, 512, 64
-# Largest median distance of another motion on the same attractor, relative to that scale.
-_FACTOR = 3.0
+# States of a chaotic or quasi-periodic attractor; states of another motion to compare, and further
+# ones where these are not on the attractor: intermittent chaos is long in rare places.
+_REFERENCE, _SAMPLE, _FURTHER = 2000, 64, 1024
+# A state is on the attractor if it is not farther from the nearest state there than this neighbour
+# of that state. Of a sample from the same density an eighth is farther, on a line or in a plane.
+_NEIGHBOUR = 3
 
 # Numbers of the differences that are computed together.
 _TOGETHER = 1 << 16
@@ -122,12 +123,16 @@ def size_of(look: Look, orbit: Array) -> float:
 
 def nearest(look: Look, reference: Array, states: Array) -> Array:
     """Return the distance (k,) of each state (k, d) to the nearest of the reference (n, d)."""
-    difference, found = look.system.difference, np.empty(len(states))
+    found = [gaps.min(axis=1) for gaps in _distances(look, reference, states)]
+    return np.concatenate([np.empty(0), *found])
+
+
+def _distances(look: Look, reference: Array, states: Array) -> Iterator[Array]:
+    """Yield the distances (m, n) of some states after others to all states of the reference."""
     size = max(1, _TOGETHER // reference.size)
     for low in range(0, len(states), size):
-        gaps = difference(reference, states[low : low + size, None])
-        found[low : low + size] = np.linalg.norm(gaps, axis=2).min(axis=1)
-    return found
+        gaps = look.system.difference(reference, states[low : low + size, None])
+        yield np.linalg.norm(gaps, axis=2)
 
 
 def _filled(kind: OrbitKind, look: Look, rows: Rows, finish: Finish) -> tuple[list[_Group], Rows]:
@@ -137,16 +142,14 @@ def _filled(kind: OrbitKind, look: Look, rows: Rows, finish: Finish) -> tuple[li
     while len(left):
         first = int(left[0])
         start = look.system.unpack_state(finals[first])
-        motion = look.system.attractor(start=start, transient=1, keep=_REFERENCE + _OWN)
+        motion = look.system.attractor(start=start, transient=1, keep=_REFERENCE)
         later = look.rows_from([motion.final])
         if later.arrays["kind"][0] != KINDS.index(kind):
             ended[first] = later
             left = left[1:]
             continue
-        states = look.states_of(motion)
-        reference, own = states[:_REFERENCE], states[_REFERENCE:]
-        limit = _FACTOR * float(np.median(nearest(look, reference, own)))
-        same = _medians(look, reference, finals[left], finish) <= limit
+        reference = look.states_of(motion)
+        same = _median_ratios(look, reference, finals[left], finish) <= 1.0
         same[0] = True
         found = Found(first, label_at(rows, first), rows.texts["ending"][first], reference)
         groups.append((found, left[same]))
@@ -165,26 +168,45 @@ def _changed(rows: Rows, changes: Mapping[int, Rows]) -> Rows:
     return Rows(arrays, texts, rows.cost)
 
 
-def _medians(look: Look, reference: Array, finals: Array, finish: Finish) -> Array:
-    """Return the median distances (k,) of motions from packed states (k, p) to an attractor."""
+def _median_ratios(look: Look, reference: Array, finals: Array, finish: Finish) -> Array:
+    """Return the medians (k,) of `_Compared` for motions from packed states (k, p)."""
+    gaps = _distances(look, reference, reference)
+    spacing = np.concatenate([np.partition(g, _NEIGHBOUR, axis=1)[:, _NEIGHBOUR] for g in gaps])
     tasks = [finals[slice(*chunk)] for chunk in chunks_of(len(finals))]
-    return np.concatenate(finish(_Compared(look, reference), tasks))
+    return np.concatenate(finish(_Compared(look, reference, spacing), tasks))
 
 
 @final
 @dataclass(frozen=True, eq=False)
 class _Compared:
-    """Function from packed states (k, p) to median distances of their motions to an attractor."""
+    """Function from packed states (k, p) to medians over their motions, (k,).
+
+    They are those of the distance to the nearest state of an attractor, over the spacing (n,) of
+    the attractor at that state.
+    """
 
     look: Look
     reference: Array
+    spacing: Array
 
     def __call__(self, finals: Array) -> Array:
         medians = []
         for packed in finals:
-            states, _ = self.look.states_after(self.look.system.unpack_state(packed), _SAMPLE)
-            medians.append(float(np.median(nearest(self.look, self.reference, states))))
+            state, median = self.look.system.unpack_state(packed), np.inf
+            for count in (_SAMPLE, _FURTHER):
+                if median > 1.0:
+                    states, state = self.look.states_after(state, count)
+                    median = float(np.median(self._ratios(states))) if len(states) else np.inf
+            medians.append(median)
         return np.array(medians)
+
+    def _ratios(self, states: Array) -> Array:
+        found = []
+        for gaps in _distances(self.look, self.reference, states):
+            near, least = gaps.argmin(axis=1), gaps.min(axis=1)
+            # zero at a state of the attractor, even where the spacing is zero
+            found.append(least / np.maximum(self.spacing[near], np.finfo(float).tiny))
+        return np.concatenate(found)
 
 
 def _rests(rows: Rows) -> Iterator[_Group]:

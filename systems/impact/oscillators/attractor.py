@@ -368,7 +368,7 @@ class _ImpactOrbit:
             try:
                 while len(found) < len(states):
                     here, factors, _ = self.system._followed(here, len(states) - len(found))
-                    found += [factor for (factor,), _ in factors]
+                    found += [factor for (factor,), *_ in factors]
             except (NoDerivative, TangentCrossing):
                 return label
             if moves:

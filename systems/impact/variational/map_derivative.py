@@ -135,7 +135,7 @@ class _Way:
                 derivative = guard.change[:, :-1] @ derivative
         law = 0.0 * time
         if self.hit:
-            stop, row = oscillator._stops[int(self.run.element[point])], _row(guard.sum, 2)
+            stop, row = oscillator._stops[int(self.run.element[point])], along(guard.sum, 2)
             law = row @ derivative
             slope = _slope(stop, float(row @ y.ravel()), float(self.run.log.speed[point]))
             kick = mode.placed(stop.sign * mode.contact(stop.row(oscillator._size)).kick[:2])
@@ -177,7 +177,7 @@ class _Way:
         The latter may be given.
         """
         s, reached = self.run.segments, self.guards[self.reached[k]]
-        mode, row = self.modes[reached.mode], _row(reached.sum, 0)
+        mode, row = self.modes[reached.mode], along(reached.sum, 0)
         begin = s.of(mode, k)
         if self.ends[k] is None:
             rate = mode.rate(begin).ravel()
@@ -193,8 +193,8 @@ class _Way:
             return self.ends[k], rate, flown, later
         risen, moved = _low_flight(mode, begin, derivative, float(self.lasts[k]))
         y = begin + risen
-        speed = float(self.run.speeds[point] + _row(reached.sum, 2) @ risen.ravel())
-        later = _later(_row(reached.sum, 0) @ moved, speed)
+        speed = float(self.run.speeds[point] + along(reached.sum, 2) @ risen.ravel())
+        later = _later(along(reached.sum, 0) @ moved, speed)
         return y, mode.rate(y).ravel(), derivative + moved, later
 
     def _flies_low(self, point: int, k: int, reached: Any) -> bool:
@@ -257,10 +257,10 @@ def _scraped(part: Any, restitution: float, gap: Any, y: Array, derivative: Arra
 
     It takes `ratio` times the change of the gap's rate from the slip velocity, or all of that.
     """
-    w, kick = float(_row(part.slip, 0) @ y.ravel()) + part.slip.offset, part.kick[:2].ravel()
-    by_rate = (1.0 + restitution) * part.ratio * _row(gap, 2)
+    w, kick = float(along(part.slip, 0) @ y.ravel()) + part.slip.offset, part.kick[:2].ravel()
+    by_rate = (1.0 + restitution) * part.ratio * along(gap, 2)
     if abs(w) <= abs(float(by_rate @ y.ravel())):
-        return -np.outer(kick, _row(part.slip, 0) @ derivative)
+        return -np.outer(kick, along(part.slip, 0) @ derivative)
     return np.outer(kick, np.sign(w) * by_rate @ derivative)
 
 
@@ -276,7 +276,7 @@ def _held_fast(oscillator: DrivenStructure, guard: Any, derivative: Array) -> Ar
     pushes = np.array([mode.pushed(row) for row in rows]).T
     kicks = [mode.placed(mode.contact(row).kick[:2]).ravel() for row in rows]
     kick = np.linalg.solve(rows @ pushes, np.eye(len(rows))[-1]) @ kicks
-    slip = _row(guard.sum, 0) / (guard.watch.rate * oscillator._elements[guard.element].sign)
+    slip = along(guard.sum, 0) / (guard.watch.rate * oscillator._elements[guard.element].sign)
     return np.asarray(derivative - np.outer(kick, slip @ derivative))
 
 
@@ -294,10 +294,10 @@ def _kept_slipping(
     for part in guard.scrapes:
         to = rubs_on(automaton, times, guards, part.element)
         if to == STICKS:
-            by = -_row(part.slip, 0)
+            by = -along(part.slip, 0)
             change = float(by @ y.ravel()) - part.slip.offset
         else:
-            by = (1.0 if to == FORWARD else -1.0) * part.ratio * _row(guard.sum, 2)
+            by = (1.0 if to == FORWARD else -1.0) * part.ratio * along(guard.sum, 2)
             change = float(by @ y.ravel())
         derivative += np.outer(part.kick[:2], by @ derivative)
         y = y + change * part.kick[:2]
@@ -387,7 +387,7 @@ def _low_flight(mode: Mode, y: Array, derivative: Array, duration: float) -> tup
     return total[0], total[1:].reshape(derivative.shape[1], -1).T
 
 
-def _row(ladder: Any, order: int) -> Array:
+def along(ladder: Any, order: int) -> Array:
     """The row of f (0) or f' (2) of an exponential sum, (2 slots,)."""
     row = np.zeros((2, ladder.step.shape[2]))
     row[:, : ladder.rows.shape[1]] = ladder.rows[order : order + 2]
