@@ -42,6 +42,9 @@ _FINER, _CHUNK = 16, 1 << 15
 # Number of values in a gigabyte.
 _MOST = 1 << 27
 
+# Squares of larger values, and their sums, may overflow.
+_LARGEST = 1e145
+
 # Smallest drawn density relative to the largest.
 _FAINTEST = 1e-12
 
@@ -140,6 +143,8 @@ class PowerSpectrum(Saved):
                 if value is not None:
                     raise ValueError(f"{name} must be left out with an array; got {value!r}")
             self._given = finite_array("source", source, (None,)).copy()
+            if (largest := float(abs(self._given).max(initial=0.0))) > _LARGEST:
+                raise ValueError(f"source must not exceed {_LARGEST:g} in size; got {largest:g}")
             self._count = len(self._given)
         self.interval = step
         length, self.segments = _divided(

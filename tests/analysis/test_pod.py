@@ -277,7 +277,11 @@ def test_first_modes_of_the_sticking_orbit_are_near_normal_modes() -> None:
         ([[1.0, 2.0]], None, "source must hold two samples or more; got shape (1, 2)"),
         ([1.0, 2.0], None, "source must have shape (any, any); got shape (2,)"),
         ([[1.0], [np.nan]], None, "source[1, 0] must be a finite number; got nan"),
-        (np.zeros((3, 2)), None, "source must move about its origin by a mean square of more than rounding, 0; got 0"),
+        (
+            np.zeros((3, 2)),
+            None,
+            "source must move about its origin by a mean square of more than rounding, 0; got 0",
+        ),
         ([[1.0], [2.0]], [0.0], "times must have shape (2,); got shape (1,)"),
         ([[1.0], [2.0]], [1.0, 1.0], "times[1] must exceed times[0]; got 1.0"),
     ],

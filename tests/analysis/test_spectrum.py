@@ -195,6 +195,13 @@ def test_bad_choices_are_refused(choices: dict[str, Any], message: str) -> None:
         PowerSpectrum(noise(100), **choices)
 
 
+def test_values_whose_squares_overflow_are_refused() -> None:
+    with pytest.raises(
+        ValueError, match=re.escape("source must not exceed 1e+145 in size; got 1e")
+    ):
+        PowerSpectrum(1e200 * np.sign(noise(100)), 1.0)
+
+
 def test_unknown_coordinate_is_refused() -> None:
     with pytest.raises(ValueError, match=re.escape("coordinate must lie in [-20, 19]; got 20")):
         PowerSpectrum(attractor_of(), coordinate=20)
