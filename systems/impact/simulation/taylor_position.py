@@ -173,7 +173,7 @@ class Position:
         x, v, scene = x.copy(), v.copy(), self._mode.scene
         place, moving, _ = scene.prescribed(k, *self._turn)
         contact, bodies = CurvedContact(scene.curves[k], len(v)), x[: len(v)]
-        if k not in self._mode.sticking:
+        if not any(regime.sticks for regime in scene.elements[k].regimes):
             contact.put(bodies, place)
         contact.push(bodies, v, moving + scene.elements[k].sign * speed)
         return x, v

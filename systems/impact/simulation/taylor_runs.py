@@ -282,14 +282,19 @@ class TaylorCourse(Position):
         kick = self._kick(k)
         if kick is not None:
             z[n:] -= (1.0 + r) * rate * kick
+        still = []
         for j, ratio in self._scrapes(guard):
-            self._slow(j, *taken(float(z[n + self._chart.speeds[j]]), -(1.0 + r) * rate * ratio))
+            lost = taken(float(z[n + self._chart.speeds[j]]), -(1.0 + r) * rate * ratio)
+            self._slow(j, *lost)
+            still += [j] if lost[1] else []
         z[place], z[n + place] = ABOVE, 0.0 - r * rate
         self._speed[k], self._motion[k] = 0.0 - r * rate, BOUNCED
-        if k in self._chart.curves:
-            self._z = self._chart.coordinates(
-                *self._onto(k, *self._place(), self._speed[k]), *self._turn
-            )
+        curved = [j for j in (k, *still) if j in self._chart.curves]
+        if curved:
+            place_of = self._place()
+            for j in (*curved, *curved[:-1]):  # gradients need not be at right angles
+                place_of = self._onto(j, *place_of, self._speed[k] if j == k else 0.0)
+            self._z = self._chart.coordinates(*place_of, *self._turn)
             self._touch()
         if len(self._motion) > 1:
             self._canonical(k)
@@ -454,6 +459,9 @@ class TaylorCourse(Position):
                 self._z += lost * self._random.choice((-1.0, 1.0), size=self._z.shape)
         self._motion[k], self._speed[k] = FLIGHT if loose else SWITCHED, 0.0
         place = self._place()
+        for j, _, stops in slows[0] if u > 0.0 else ():
+            if stops and j in chart.curves:
+                place = self._onto(j, *place, 0.0)
         self._number = self._automaton.enter(number)
         self._left = k
         self._enter(*place)
