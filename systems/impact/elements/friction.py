@@ -28,8 +28,8 @@ class DryFriction(Element):
     With a coefficient in place of a force, friction acts at the contact with a hard stop. The force
     is the coefficient times the contact force, and zero while the stop is open. Along functions of
     the coordinates, both forces act on these times the gradients of their functions: where these
-    are lengths, the coefficient is Coulomb's. An impact at the stop takes as much from w as its impulse times the coefficient can,
-    at most until w is zero (Coulomb's law for impulses).
+    are lengths, the coefficient is Coulomb's. An impact at the stop takes as much from w as its
+    impulse times the coefficient can, at most until w is zero (Coulomb's law for impulses).
 
     Parameters
     ----------
