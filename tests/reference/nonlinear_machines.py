@@ -7,7 +7,7 @@ solves for the time of each event.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
 
@@ -47,6 +47,17 @@ def _bump(c: Any, x: Any) -> Any:
     return x[-1] + c[11] * x[0] ** 2 + c[11] * sp.sin(x[-1]) / 2
 
 
+def _tilt(c: Any, x: Any) -> Any:
+    return x[-1] + c[11] * sp.sin(x[-1]) / 2
+
+
+def _way(c: Any, x: Any) -> Any:
+    return x[0] + c[11] * sp.sin(x[0])
+
+
+FUNCTIONS = {"bump": _bump, "tilt": _tilt, "way": _way}
+
+
 @dataclass(frozen=True, kw_only=True)
 class Random(ImpactOscillator):
     """Masses on springs of a kind: cubic, of Toda, with gravity, or where masses vary."""
@@ -75,6 +86,14 @@ class Random(ImpactOscillator):
     def bump(self, x: Any) -> Any:
         """Return a function of the coordinates that increases with the last one."""
         return _bump(self._exact, x)
+
+    def tilt(self, x: Any) -> Any:
+        """Return a function of the last coordinate."""
+        return _tilt(self._exact, x)
+
+    def way(self, x: Any) -> Any:
+        """Return a function of the first coordinate."""
+        return _way(self._exact, x)
 
 
 KINDS = "cubic", "toda", "gravity", "arm", "bead"
@@ -125,11 +144,45 @@ def random_nonlinear(seed: int) -> tuple[Random, Any]:
     return machine, machine.state(x, v, float(random.uniform(0.0, 6.0)))
 
 
+def random_rubbing(seed: int) -> tuple[Random, Any]:
+    """The same with friction at the contact with the stop, both along functions.
+
+    Masses do not couple the two: so impacts have unique outcomes.
+    """
+    machine, start = random_nonlinear(seed)
+    random = np.random.default_rng([seed, 78])
+    stop, *others = machine.elements
+    restitution = float(random.choice([0.0, 0.3, 0.7]))
+    others = [e for e in others if not isinstance(e, DryFriction)]
+    coefficient = random.uniform(0.1, 0.8)
+    rub = DryFriction(
+        "way",
+        coefficient=coefficient,
+        static=coefficient * random.choice([1.0, 1.3]),
+        velocity=random.choice([0.0, 0.3]),
+        normal="stop",
+    )
+    n = max(machine.masses, 2)
+    machine = machine.replace(
+        kind="bead" if machine.kind == "arm" else machine.kind,
+        masses=n,
+        harmonic_forces=random.uniform(0.1, 0.9, n).tolist(),
+        constant_forces=random.uniform(-0.9, -0.2, n).tolist(),
+        elements=[replace(stop, coordinate="tilt", restitution=restitution), rub, *others],
+    )
+    x, v = random.uniform(0.0, 0.3, n), random.uniform(-0.3, 0.3, n)
+    return machine, machine.state(x, v, start.phase)
+
+
 class Truth:
     """The motion of a machine in sixty digits, with the events of a record."""
 
     def __init__(self, system: Random) -> None:
         self.system, self.n, self.w = system, system.degrees_of_freedom, arb(system.frequency)
+        names = [e.name for e in system._elements]
+        self.leans = {
+            k: names.index(e.leans_on) for k, e in enumerate(system._elements) if e.leans_on
+        }
         self.constants = [arb(c) for c in system.numbers]
         self.forces = [
             (arb(complex(f).real), arb(complex(f).imag), arb(g))
@@ -138,7 +191,7 @@ class Truth:
 
     @cached_property
     def functions(self) -> Any:
-        """Of x, v and numbers: masses and forces; of x and v: a function, gradient and bend."""
+        """Of x, v and numbers: masses and forces; and by names functions, gradients and bends."""
         n, kind = self.n, self.system.kind
         x, v = sp.symbols(f"x:{n}"), sp.symbols(f"v:{n}")
         c = sp.symbols("c:12")
@@ -149,19 +202,23 @@ class Truth:
             force = sp.diff(kinetic - _potential(kind, c, x), x[i])
             force -= sp.diff(_dissipation(c, v), v[i])
             forces.append(force - sum(sp.diff(momentum, y) * u for y, u in zip(x, v, strict=True)))
-        bump = _bump(c, x)
-        row = [sp.diff(bump, y) for y in x]
-        second = sp.hessian(bump, x)
-        bend = sum(second[i, j] * v[i] * v[j] for i in range(n) for j in range(n))
+        parts = {"": [*list(sp.hessian(kinetic, v)), *forces]}
+        for name, of in FUNCTIONS.items():
+            row, second = [sp.diff(of(c, x), y) for y in x], sp.hessian(of(c, x), x)
+            bend = sum(second[i, j] * v[i] * v[j] for i in range(n) for j in range(n))
+            parts[name] = [of(c, x), *row, bend]
         turns = {"sin": lambda y: y.sin(), "cos": lambda y: y.cos(), "exp": lambda y: y.exp()}
-        both = [*list(sp.hessian(kinetic, v)), *forces], [bump, *row, bend]
-        return [sp.lambdify((*x, *v, *c), part, modules=[turns], cse=True) for part in both]
+        given = *x, *v, *c
+        return {
+            name: sp.lambdify(given, part, modules=[turns], cse=True)
+            for name, part in parts.items()
+        }
 
     def along(self, k: int, z: list[Many]) -> tuple[Many, list[Many], Many]:
         """Function of an element, its gradient, and what velocities add to its acceleration."""
         place = self.system._elements[k].coordinate
-        if place == "bump":
-            value, *row, bend = self.functions[1](*z[: 2 * self.n], *self.constants)
+        if isinstance(place, str):
+            value, *row, bend = self.functions[place](*z[: 2 * self.n], *self.constants)
             return value, row, bend
         row = [arb(int(i == place)) for i in range(self.n)]
         return z[place], row, arb(0)
@@ -179,7 +236,7 @@ class Truth:
     def balance(self, regimes: Any, z: list[Many]) -> tuple[list[Many], dict[int, Many]]:
         """Accelerations, and forces of what holds or sticks."""
         n, elements = self.n, self.system._elements
-        found = self.functions[0](*z[: 2 * n], *self.constants)
+        found = self.functions[""](*z[: 2 * n], *self.constants)
         mass, force = [found[n * i : n * i + n] for i in range(n)], list(found[n * n :])
         sine, cosine = z[2 * n].sin(), z[2 * n].cos()
         for i, (a, b, c) in enumerate(self.forces):
@@ -194,8 +251,14 @@ class Truth:
                 push = arb(regime.push) - arb(regime.stiffness) * gap - arb(regime.damping) * rate
                 for i in range(n):
                     force[i] = force[i] + elements[k].sign * rows[k][1][i] * push
+        push = {k: list(rows[k][1]) for k in own}
+        for k, stop in self.leans.items():
+            if regimes[k].traction and stop in own:
+                over = arb(elements[k].sign * elements[stop].sign * regimes[k].traction)
+                along = self.along(k, z)[1]
+                push[stop] = [a + over * b for a, b in zip(push[stop], along, strict=True)]
         for i in range(n):
-            mass[i] = [*mass[i], *(-rows[k][1][i] for k in own)]
+            mass[i] = [*mass[i], *(-push[k][i] for k in own)]
         for k in own:
             e, (_, row, bend) = elements[k], rows[k]
             turn = z[2 * n] - arb(e.phase)
@@ -213,13 +276,16 @@ class Truth:
         gap, rate = self.gap(k, z)
         value = arb(watch.level) + arb(watch.gap) * gap + arb(watch.rate) * rate
         if watch.force:
-            value = value + arb(watch.force) * self.balance(regimes, z)[1][k]
+            forces = self.balance(regimes, z)[1]
+            value = value + arb(watch.force) * forces[k]
+            if watch.normal:
+                value = value + arb(watch.normal) * forces[self.leans[k]]
         return value
 
     def hit(self, regimes: Any, k: int, z: list[Many]) -> list[Many]:
         """The state after an impact; what holds takes an impulse, too."""
-        n, elements = self.n, self.system._elements
-        found = self.functions[0](*z[: 2 * n], *self.constants)
+        n, elements = self.n, list[Any](self.system._elements)
+        found = self.functions[""](*z[: 2 * n], *self.constants)
         both = [k, *(j for j, r in enumerate(regimes) if r.holds or r.sticks)]
         rows = {j: self.along(j, z)[1] for j in both}
         rate = self.gap(k, z)[1]
@@ -228,8 +294,17 @@ class Truth:
         matrix = [[*found[n * i : n * i + n], *(-rows[j][i] for j in both)] for i in range(n)]
         matrix += [[*rows[j], *(arb(0) for _ in both)] for j in both]
         jump = [arb(0)] * n + [elements[k].sign * -(1 + r) * rate] + [arb(0)] * (len(both) - 1)
-        change = _solved(matrix, jump)[:n]
-        return [*z[:n], *(u + d for u, d in zip(z[n : 2 * n], change, strict=True)), z[-1]]
+        change = _solved(matrix, jump)
+        v = [u + d for u, d in zip(z[n : 2 * n], change, strict=False)]
+        for j in (j for j, stop in self.leans.items() if stop == k):  # masses do not couple these
+            row, impulse = self.along(j, z)[1], abs(change[n])
+            response = _solved([found[n * i : n * i + n] for i in range(n)], row)
+            over = sum((a * b for a, b in zip(row, response, strict=True)), arb(0))
+            slip = elements[j].sign * self.gap(j, [*z[:n], *v, z[-1]])[1]
+            most = arb(elements[j].kinetic) * impulse * over
+            lost = slip if abs(slip) <= most else most if slip > 0 else -most
+            v = [u - lost / over * d for u, d in zip(v, response, strict=True)]
+        return [*z[:n], *v, z[-1]]
 
     @staticmethod
     def _law(law: ViscoelasticSpheres, speed: Many) -> Many:

@@ -18,26 +18,29 @@ MACHINES, IMPACTS = 400, 4
 ROUNDING = 2.0**-52
 
 
-@cache
-def compared(number: int) -> tuple[tuple[float, float, float], ...]:
+def compared(machine: Any, start: Any, impacts: int = IMPACTS) -> list[tuple[float, float, float]]:
     """Actual errors of times and states of a machine's impacts, and their estimate."""
-    machine, start = random_nonlinear(number)
-    record = machine.simulate(impacts=IMPACTS, start=start)
-    found = Truth(machine).compared(record)
-    pairs = zip(found, record.time.tolist(), strict=False)
-    return tuple((late, off, error + ROUNDING * (1.0 + time)) for (late, off, error), time in pairs)
+    record = machine.simulate(impacts=impacts, start=start)
+    pairs = zip(Truth(machine).compared(record), record.time.tolist(), strict=False)
+    return [(late, off, error + ROUNDING * (1.0 + time)) for (late, off, error), time in pairs]
+
+
+@cache
+def of_machine(number: int) -> list[tuple[float, float, float]]:
+    """The same of a random machine."""
+    return compared(*random_nonlinear(number))
 
 
 def states_of_machines(every: int) -> Iterator[tuple[float, float]]:
     """Largest error of positions and velocities after impacts."""
     for number in range(0, MACHINES, every):
-        yield from ((off, error) for _, off, error in compared(number))
+        yield from ((off, error) for _, off, error in of_machine(number))
 
 
 def times_of_machines(every: int) -> Iterator[tuple[float, float]]:
     """Errors of times of these."""
     for number in range(0, MACHINES, every):
-        yield from ((late, error) for late, _, error in compared(number))
+        yield from ((late, error) for late, _, error in of_machine(number))
 
 
 @cache
@@ -80,8 +83,6 @@ def grazing(number: int, depth: float) -> tuple[bool, float]:
     moved = replace(stop, offset=offset + depth, restitution=law or 0.8)
     machine = machine.replace(elements=[moved, *others])
     begin = machine.state(start.position, start.velocity, start.phase)
-    record = machine.simulate(impacts=2, start=begin)
-    found, worst = Truth(machine).compared(record), 0.0
-    for (late, off, error), at in zip(found, record.time.tolist(), strict=False):
-        worst = max(worst, max(late, off) / (error + ROUNDING * (1.0 + at)))
-    return bool(len(record) and abs(record.time[0] - time) < 1e-2), worst
+    first = machine.simulate(impacts=1, start=begin).time
+    ratios = [max(late, off) / error for late, off, error in compared(machine, begin, 2)]
+    return bool(len(first) and abs(first[0] - time) < 1e-2), max(ratios, default=0.0)
