@@ -352,7 +352,11 @@ class Truth:
                 guard = automaton.guards[int(s.guard[i + 1])]
                 lasts = float((arb(float(s.begin[i + 1])) - clock).mid())
                 if s.begin[i + 1] > s.begin[i]:
-                    took, z = self.until(mode.regimes, guard.element, guard.watch, z, lasts)
+                    own = guard
+                    if guard.watch.force:  # an impact may let go of what sticks
+                        now = (automaton.guards[g] for g in s.guard[s.begin == s.begin[i + 1]])
+                        own = next((g for g in now if g.watch.event == IMPACT), guard)
+                    took, z = self.until(mode.regimes, own.element, own.watch, z, lasts)
                     clock = (clock + took).mid()
                 if guard.watch.event == IMPACT and int(s.point[i + 1]) > number:
                     z = [y.mid() for y in self.hit(mode.regimes, guard.element, z)]

@@ -248,12 +248,6 @@ class TaylorCourse(Position):
         self._disturb()
         self._note(number, 0.0, 0.0)
 
-    def _again(self, element: int) -> None:
-        """In another mode, what did not come to rest may do so."""
-        for k, motion in enumerate(self._motion):
-            if motion == BOUNCES and k != element:
-                self._motion[k] = BOUNCED
-
     def _hit(self, number: int) -> int:
         """Newton's law of impact at a guard; the guard's number, in the mode after it."""
         automaton, self._bounce = self._automaton, 0.0
@@ -289,13 +283,7 @@ class TaylorCourse(Position):
             still += [j] if lost[1] else []
         z[place], z[n + place] = ABOVE, 0.0 - r * rate
         self._speed[k], self._motion[k] = 0.0 - r * rate, BOUNCED
-        curved = [j for j in (k, *still) if j in self._chart.curves]
-        if curved:
-            place_of = self._place()
-            for j in (*curved, *curved[:-1]):  # gradients need not be at right angles
-                place_of = self._onto(j, *place_of, self._speed[k] if j == k else 0.0)
-            self._z = self._chart.coordinates(*place_of, *self._turn)
-            self._touch()
+        self._hold(k, still)
         if len(self._motion) > 1:
             self._canonical(k)
         self._at_once += 1
@@ -328,18 +316,6 @@ class TaylorCourse(Position):
             error += moved
             found.append((j, change, stops))
         return found, error
-
-    def _canonical(self, k: int) -> None:
-        """The coordinates that a simulation from this state would begin with."""
-        for j, motion in enumerate(self._motion):
-            moves = j < len(self._oscillator._stops) or j in self._chart.springs
-            if j != k and motion != FLIGHT and moves:
-                self._motion[j] = FLIGHT
-        state = self._place()
-        self._z = self._chart.coordinates(*state, *self._turn)
-        self._mode.settled(self._chart, self._z)
-        self._touch()
-        self._afresh()
 
     def _restitution(self, k: int, speed: float) -> float:
         law: Any = self._laws[k]
