@@ -23,7 +23,7 @@ from dynkit.systems import DryFriction, HardStop, ImpactChain, ImpactOscillator,
 from dynkit.testing.maps import jacobian_is_the_derivative
 from tests.flows.cases import BITS, Many, followed_in_many_digits, taylor
 from tests.impact.test_taylor_rows import MACHINES, agree
-from tests.impact_orbits.bent_cases import Bent
+from tests.impact_orbits.bent_cases import Bent, orbits_agree
 
 # --- closed forms ---------------------------------------------------------------------------------
 
@@ -336,12 +336,6 @@ def test_friction_along_a_row_that_a_gradient_meets_is_refused_by_name() -> None
         plane.simulate(impacts=2, start=plane.state([1.0, 0.0], [0.0, 0.0]))
 
 
-def test_a_coefficient_along_a_function_is_refused_by_name() -> None:
-    rub = DryFriction("end", coefficient=0.1, normal="table")
-    with pytest.raises(NotImplementedError, match=r"elements\[1\].*must have no normal"):
-        Chain(elements=[HardStop("first", **TABLE), rub], **GIVEN)
-
-
 # --- orbits, branches, exponents and labels -------------------------------------------------------
 
 
@@ -363,25 +357,7 @@ PARAMETERS = {
 
 @pytest.mark.parametrize("name", PARAMETERS)
 def test_orbits_and_their_derivatives_are_those_of_the_chain(name: str) -> None:
-    exact, bent = orbits(name)
-    allowed = exact.error + bent.error
-    assert bent.error < 1e-11
-    assert (exact.label, dict(exact.counts)) == (bent.label, dict(bent.counts))
-    assert (exact.admissible, bent.admissible) == (True, True)
-    assert abs(exact.phases - bent.phases).max() <= allowed
-    assert np.poly(bent.multipliers) == pytest.approx(np.poly(exact.multipliers), abs=1e-11)
-    for parameter in PARAMETERS[name]:
-        one, two = (changes(orbit, parameter) for orbit in (exact, bent))
-        assert one == pytest.approx(two, rel=1e-10, abs=1e-10)
-
-
-def changes(orbit: Any, parameter: str) -> Any:
-    """Of phases and impulses, which come first, whatever the other unknowns are."""
-    problem = orbit._problem.free(parameter)
-    x, p = orbit._x, problem.values
-    by = problem.parameter_derivative(x, p)[:, 0]
-    found = np.linalg.solve(problem.linearization(x, p), -by)
-    return found[: problem.layout.events + problem.layout.impacts]
+    orbits_agree(*orbits(name), PARAMETERS[name])
 
 
 DRIVEN: dict[str, Any] = {

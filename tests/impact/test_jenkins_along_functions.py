@@ -17,7 +17,8 @@ from dynkit.systems import DryFriction, HardStop, ImpactChain, Jenkins, SoftStop
 from dynkit.systems.impact.simulation.state import within
 from dynkit.testing.maps import jacobian_is_the_derivative
 from tests.flows.cases import BITS, followed_in_many_digits, taylor
-from tests.impact.test_elements_along_functions import GIVEN, TABLE, Chain, Pendulum, changes
+from tests.impact.test_elements_along_functions import GIVEN, TABLE, Chain, Pendulum
+from tests.impact_orbits.bent_cases import changes, orbits_agree
 
 
 def beside(first: Any, last: Any) -> dict[str, list[Any]]:
@@ -93,15 +94,7 @@ PARAMETERS = {
 @pytest.mark.parametrize("name", PARAMETERS)
 def test_orbits_and_their_derivatives_are_those_of_the_chain(name: str) -> None:
     exact, bent = (s.attractor(transient=200).periodic_orbit() for s in both(name))
-    allowed = exact.error + bent.error
-    assert bent.error < 1e-11
-    assert (exact.label, dict(exact.counts)) == (bent.label, dict(bent.counts))
-    assert (exact.admissible, bent.admissible) == (True, True)
-    assert abs(exact.phases - bent.phases).max() <= allowed
-    assert np.poly(bent.multipliers) == pytest.approx(np.poly(exact.multipliers), abs=1e-11)
-    for parameter in PARAMETERS[name]:
-        one, two = (changes(orbit, parameter) for orbit in (exact, bent))
-        assert one == pytest.approx(two, rel=1e-10, abs=1e-10)
+    orbits_agree(exact, bent, PARAMETERS[name])
     assert abs(changes(bent, "bend")).max() < 1e-10  # other coordinates of the same motion
 
 

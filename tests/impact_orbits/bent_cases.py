@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
+import numpy as np
+import pytest
 import sympy as sp
 
 from dynkit.systems import HardStop, ImpactChain, ImpactOscillator
@@ -73,3 +76,24 @@ def both(
     table = HardStop(at, amplitude=0.1, restitution=restitution, name="table")
     last = 0.0 if straight else 0.12
     return exact, Bent(masses=masses, last=last, elements=[table], **given)
+
+
+def orbits_agree(exact: Any, bent: Any, parameters: Sequence[str]) -> None:
+    """Assert that both are one orbit, with the same derivatives by some parameters."""
+    assert bent.error < 1e-11
+    assert (exact.label, dict(exact.counts)) == (bent.label, dict(bent.counts))
+    assert (exact.admissible, bent.admissible) == (True, True)
+    assert abs(exact.phases - bent.phases).max() <= exact.error + bent.error
+    assert np.poly(bent.multipliers) == pytest.approx(np.poly(exact.multipliers), abs=1e-11)
+    for parameter in parameters:
+        one, two = (changes(orbit, parameter) for orbit in (exact, bent))
+        assert one == pytest.approx(two, rel=1e-10, abs=1e-10)
+
+
+def changes(orbit: Any, parameter: str) -> Any:
+    """Of phases and impulses, which come first, whatever the other unknowns are."""
+    problem = orbit._problem.free(parameter)
+    x, p = orbit._x, problem.values
+    by = problem.parameter_derivative(x, p)[:, 0]
+    found = np.linalg.solve(problem.linearization(x, p), -by)
+    return found[: problem.layout.events + problem.layout.impacts]

@@ -19,6 +19,7 @@ from tests.validation import (
     machines,
     maps,
     multipliers,
+    nonlinear,
     orbits,
     records,
     sums,
@@ -48,11 +49,20 @@ MAPS = 43
 MACHINES = 400
 """Every so manieth random machine."""
 
+NONLINEAR = 40
+"""Every so manieth of those whose springs are not linear."""
+
 QUANTITIES = {
     "`ImpactRecord.error`, states": Quantity(records.states_of_records, 8),
     "`ImpactRecord.error`, times": Quantity(records.times_of_records, 8),
     "`ImpactRecord.error`, states of machines": Quantity(machines.states_of_machines, MACHINES),
     "`ImpactRecord.error`, times of machines": Quantity(machines.times_of_machines, MACHINES),
+    "`ImpactRecord.error`, states, springs not linear": Quantity(
+        nonlinear.states_of_machines, NONLINEAR
+    ),
+    "`ImpactRecord.error`, times, springs not linear": Quantity(
+        nonlinear.times_of_machines, NONLINEAR
+    ),
     "`ImpactAttractor.error`": Quantity(records.states_of_attractors, 8),
     "`MapAttractor.error`": Quantity(maps.states_of_attractors, 10),
     "`MapOrbit.error`": Quantity(maps.states_of_orbits, 6),

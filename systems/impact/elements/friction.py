@@ -26,16 +26,16 @@ class DryFriction(Element):
     changes w makes it slip, since friction forces are finite and transmit no impulse.
 
     With a coefficient in place of a force, friction acts at the contact with a hard stop. The force
-    is the coefficient times the contact force, and zero while the stop is open. Of a stop along a
-    function of the coordinates, the force on these is the contact force times the function's
-    gradient. An impact at the stop takes as much from w as its impulse times the coefficient can,
-    at most until w is zero (Coulomb's law for impulses).
+    is the coefficient times the contact force, and zero while the stop is open. Along functions of
+    the coordinates, both forces act on these times the gradients of their functions: where these
+    are lengths, the coefficient is Coulomb's. An impact at the stop takes as much from w as its
+    impulse times the coefficient can, at most until w is zero (Coulomb's law for impulses).
 
     Parameters
     ----------
     coordinate, amplitude, phase, name
-        As for every `Element`: the motion of the surface. Along a function of the coordinates only
-        with a force; on the coordinates it acts times the function's gradient.
+        As for every `Element`: the motion of the surface. Along a function of the coordinates the
+        force acts on these times the function's gradient.
     force : float
         Kinetic friction force, not negative. Either this or `coefficient` is given.
     static : float, optional

@@ -47,27 +47,12 @@ def checked_elements(given: Any, size: int) -> tuple[Element, ...]:
 
 
 def check_curved(owner: object, elements: tuple[Element, ...]) -> None:
-    """Refuse functions of coordinates that no method gives, or along which no motion is known.
-
-    Raises
-    ------
-    ValueError
-        When the oscillator has no method of this name.
-    NotImplementedError
-        When the element leans on a stop.
-    """
+    """Refuse functions of coordinates that no method gives: ValueError."""
     for k, element in enumerate(elements):
-        if not element.curved:
-            continue
-        if not callable(getattr(owner, element.coordinate, None)):
+        if element.curved and not callable(getattr(owner, element.coordinate, None)):
             raise ValueError(
                 f"elements[{k}].coordinate must be the name of a method of the oscillator; "
                 f"got {element.coordinate!r}"
-            )
-        if element.leans_on:
-            raise NotImplementedError(
-                f"elements[{k}], which acts along a function of the coordinates, must have no "
-                f"normal; got {element!r}"
             )
 
 
@@ -90,9 +75,10 @@ def _check_normal(elements: tuple[Element, ...], k: int, size: int) -> None:
             f"elements[{k}].normal must be a stop whose restitution is a number; got {stop!r}"
         )
     for other in elements[:k] + elements[k + 1 :]:
-        if isinstance(other, HardStop | DryFriction) and not other.curved:
+        if isinstance(other, HardStop | DryFriction) and other.curved is own.curved:
             rows = [own.row(size), other.row(size)]
-            if np.linalg.matrix_rank(np.array(rows)) < 2:
+            alike = np.linalg.matrix_rank(np.array(rows)) < 2
+            if own.coordinate == other.coordinate if own.curved else alike:
                 raise NotImplementedError(
                     f"elements[{k}], friction with a coefficient, must not act along a hard stop "
                     f"or along other friction; got {other!r}"

@@ -154,12 +154,13 @@ def forces_along(structure: Structure, fixed: Sequence[Element], slips: Sequence
     return np.asarray(np.linalg.solve(inertia @ push, inertia))
 
 
-def pushes(rows: Array, slips: Sequence[tuple[int, Array, float]]) -> Array:
+def pushes(rows: Array, slips: Sequence[tuple[int, Array, Any]]) -> Any:
     """What unit forces along rows (h, N) do, with the friction that they cause, (N, h).
 
     Friction that slips is the number of its normal force, its row (N,), and its traction.
     """
-    push = rows.T.copy()
+    kinds = (along * traction for _, along, traction in slips)
+    push: Any = rows.T.astype(np.result_type(rows, *kinds), order="C")
     for number, row, traction in slips:
         push[:, number] += traction * row
     return push
@@ -303,8 +304,16 @@ def moves(mass: Array, rows: Array, row: Array) -> bool:
     """Whether an impact changes the rate of a row (N,); its own is the last one of closed ones."""
     effect = np.linalg.solve(mass, rows.T)
     impulse = np.linalg.solve(rows @ effect, np.eye(len(rows))[-1])  # the closed ones stay closed
-    change = effect @ impulse
-    return bool(abs(row @ change) > ROUNDING * (abs(row) @ abs(change)))
+    return carries(mass, row, np.asarray(effect @ impulse))
+
+
+def carries(mass: Array, row: Array, change: Array) -> bool:
+    """Whether velocity changes (N,) change the rate of a row (N,), to rounding.
+
+    Relative to the largest change by as much energy: in some coordinates its terms cancel.
+    """
+    most = np.sqrt(row @ np.linalg.solve(mass, row) * (change @ mass @ change))
+    return bool(abs(row @ change) > ROUNDING * most)
 
 
 def depends(mass: Array, rows: Array) -> bool:

@@ -156,7 +156,8 @@ class Charts:
             (np.column_stack([follows, joints]), True),
             *((part, False) for part in back),
         ]
-        held = any(k in scene.curves for k in (*self._held, *self._sticking))
+        acting = (*self._held, *self._sticking, *(k for k, *_ in self._slips))
+        held = any(k in scene.curves for k in acting)
         if scene.motion.equations.constant_mass and not held:
             zero = np.zeros(n)
             mass, _ = scene.motion.inertia(scene.excitation.frequency, zero, zero, 0.0)

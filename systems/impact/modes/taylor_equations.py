@@ -96,7 +96,8 @@ class Plan:
     @property
     def eliminates(self) -> bool:
         """Whether what holds is eliminated in expressions, as rows or masses are not constant."""
-        held = any(k in (*self.held, *self.sticking) for k, _ in self.curves)
+        acting = (*self.held, *self.sticking, *(k for k, _ in self.slips))
+        held = any(k in acting for k, _ in self.curves)
         return held or not self.equations.constant_mass
 
 

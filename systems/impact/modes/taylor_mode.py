@@ -180,8 +180,8 @@ class TaylorMode:
         a: Array = np.asarray(np.linalg.solve(mass, total), dtype=float)
         both = [*self.held, *self.sticking]
         if both:
+            response = np.linalg.solve(mass, self.pushes(rows))
             rows = rows[both]
-            response = np.linalg.solve(mass, self._pushes(rows))
             swings = np.array([scene.prescribed(k, sine, cosine)[2] for k in both])
             moved = swings - scene.bends(x, v)[both]
             along = np.linalg.solve(rows @ response, moved - rows @ a)
@@ -191,11 +191,11 @@ class TaylorMode:
                 found[k] += signs[k] * signs[stop] * traction * found[stop]
         return a, found, given
 
-    def _pushes(self, rows: Array) -> Array:
-        """What unit forces along the rows (h, N) of what holds and sticks do, (N, h)."""
-        both = (*self.held, *self.sticking)
-        slips = [(both.index(stop), self.scene.rows[k], t) for k, stop, t in self.slips]
-        return pushes(rows, slips)
+    def pushes(self, rows: Array) -> Array:
+        """What unit forces along what holds and sticks do, (N, h), by the rows (elements, N)."""
+        both = [*self.held, *self.sticking]
+        slips = [(both.index(stop), rows[k], t) for k, stop, t in self.slips]
+        return np.asarray(pushes(rows[both], slips))
 
     @property
     def _rubs(self) -> set[int]:
@@ -223,9 +223,9 @@ class TaylorMode:
                 refusal = along_stops if k in self.scene.normal else along_others
                 raise refusal(self.scene.elements[k])
         if self.slips:
-            rows = rows[[*self.held, *self.sticking]]
+            push, rows = self.pushes(rows), rows[[*self.held, *self.sticking]]
             inertia: Array = np.asarray(np.linalg.solve(mass, rows.T).T, dtype=float)
-            check_unique(inertia, rows, self._pushes(rows), self.scene.elements[self.slips[0][0]])
+            check_unique(inertia, rows, push, self.scene.elements[self.slips[0][0]])
 
     def gap(self, k: int, x: Array, v: Array, sine: Any, cosine: Any) -> tuple[Any, Any]:
         """Gap of an element and its rate, at positions and velocities (..., N)."""
@@ -316,11 +316,13 @@ class TaylorMode:
                 self._constant_kicks[k] = found
         return found
 
-    def kick_by_place(self, k: int, x: Array, phase: float) -> Array:
+    def kick_by_place(
+        self, k: int, x: Array, phase: float, pulls: Sequence[tuple[int, float]] = ()
+    ) -> Array:
         """Derivatives (N, N + 1) of a kick by positions and phase."""
         here = np.append(x, phase)
         moved = here + 1j * STEP * np.eye(len(here))
-        found = [self.kick_in(self.scene, k, each[:-1], each[-1]) for each in moved]
+        found = [self.kick_in(self.scene, k, each[:-1], each[-1], pulls) for each in moved]
         return np.array(found).imag.T / STEP
 
     @property
@@ -332,10 +334,19 @@ class TaylorMode:
     def _constant_kicks(self) -> dict[int, Array]:
         return {}
 
-    def kick_in(self, scene: Scene, k: int, x: Array, phase: Any) -> Array:
-        """The kick in a scene that differs in its numbers, also with imaginary changes."""
+    def kick_in(
+        self, scene: Scene, k: int, x: Array, phase: Any, pulls: Sequence[tuple[int, Any]] = ()
+    ) -> Array:
+        """The kick in a scene that differs in its numbers, also with imaginary changes.
+
+        With friction: its number, and its force against its side over the contact force.
+        """
         response, own = self._pushed(scene, k, x, phase)
-        return np.asarray(scene.elements[k].sign * response / own)
+        response = scene.elements[k].sign * response
+        for j, pull in pulls:
+            along = scene.elements[j].sign * self._pushed(scene, j, x, phase)[0]
+            response = response - pull * along
+        return np.asarray(response / own)
 
     def _pushed(self, scene: Scene, k: int, x: Array, phase: Any) -> tuple[Array, Any]:
         """Velocity changes (N,) by a unit impulse along an element, and that of its own rate."""

@@ -27,6 +27,7 @@ from dynkit.core.validation import Array
 from dynkit.orbits.newton import NoSolution
 from dynkit.systems.impact.elements.friction import FORWARD
 from dynkit.systems.impact.elements.laws import ImpactLaw
+from dynkit.systems.impact.modes.constrained import pushes
 
 if TYPE_CHECKING:
     from dynkit.systems.impact.elements.element import Element
@@ -514,15 +515,18 @@ class Machine:
 
     def _pushes(self, mode: Regimes) -> Any:
         """(N, h) what unit forces along what is held do, with the friction that they cause."""
-        out: Any = self._rows(mode.held).T
+        rows = np.array([element.row(self.size) for element in self.elements])
+        return pushes(rows[list(mode.held)], self.slips(mode, rows))
+
+    def slips(self, mode: Regimes, rows: Array) -> list[tuple[int, Array, Any]]:
+        """Friction that slips at contacts: see `pushes`; by rows (elements, N)."""
+        found = []
         for k, stop in self.normal.items():
             traction = self._regime(mode.numbers[k], k)[3]
             if traction and stop in mode.held:
-                own, at = self.elements[k], mode.held.index(stop)
-                along = own.sign * self.elements[stop].sign * own.row(self.size)
-                out = out.astype(np.result_type(out, traction))
-                out[:, at] += traction * along
-        return out
+                sign = self.elements[k].sign * self.elements[stop].sign
+                found.append((mode.held.index(stop), rows[k], sign * traction))
+        return found
 
     def _rows(self, held: tuple[int, ...]) -> Array:
         rows = [self.elements[k].row(self.size) for k in held]

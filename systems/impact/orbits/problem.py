@@ -327,7 +327,8 @@ class ImpactProblem(PeriodicProblem, WatchedProblem):
 
     def _row(self, machine: Machine, event: Happening) -> Array:
         """Row (D,) of the size of what is watched at an event."""
-        if not machine.elements[event.element].curved:
+        acting = (event.element, *event.mode.held)
+        if not any(machine.elements[k].curved for k in acting):
             return np.asarray(machine.watched(event.mode, event.element, event.guard))
         watch, row = divided.watch_of(self.oscillator, event), np.zeros_like(self._measures)
         pushed = watch.force * self.oscillator.frequency * float(machine.mass.max())

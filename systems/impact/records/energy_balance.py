@@ -159,8 +159,8 @@ def _impacts(system: ImpactMap, run: Trajectory, sums: _Sums) -> int:
     hit = run.segments.element[1 : len(work) + 1]
     for k, stop in system._automaton.parts.normal.items():
         here, element = found.hits & (hit == stop), system._elements[k]
-        row = 0.5 * element.sign * element.row(middle.shape[1])
-        rubbed = (found.impulse[:, k] * (middle @ row))[here]
+        along = 0.5 * element.sign * system._functions[k].gradient(found.place)
+        rubbed = (found.impulse[:, k] * (middle * along).sum(axis=1))[here]
         heat = found.impulse[here, k] * own[k][here] - rubbed
         sums.add(names[k], rubbed, heat)
         work[here] -= rubbed

@@ -29,6 +29,7 @@ class Jumps(NamedTuple):
 
     Attributes
     ----------
+    place : (k, N) positions
     before, after : (k, N) velocities
     momentum : (k, N) changes of momentum
     turn : (2, k) sine and cosine of the phase
@@ -36,6 +37,7 @@ class Jumps(NamedTuple):
     impulse : (k, elements) towards the side of each
     """
 
+    place: Array
     before: Array
     after: Array
     momentum: Array
@@ -210,16 +212,13 @@ def jumps(system: ImpactMap, run: Trajectory) -> Jumps:
         held = [k for k in parts.grips(run.regimes[number])[0] if k != element]
         held += [k for k, stop in parts.normal.items() if stop == element]
         stops = [system._elements[k] for k in (element, *held)]
-        if system._bent:
-            signs = np.array([stop.sign for stop in stops])[:, None]
+        if any(stop.curved for stop in stops):
+            own = [(system._elements[k].sign, system._functions[k]) for k in (element, *held)]
             for i in np.flatnonzero(here).tolist():
-                along = (
-                    signs
-                    * system._automaton.modes[number].scene.rows_at(place[i])[[element, *held]]
-                )
+                along = np.array([sign * function.gradient(place[i]) for sign, function in own])
                 impulse[i, [element, *held]] = np.linalg.lstsq(along.T, momentum[i])[0]
             continue
         rows = np.array([stop.sign * stop.row(before.shape[1]) for stop in stops])
         solved = np.linalg.lstsq(rows.T, momentum[here].T)[0].T
         impulse[np.ix_(here, (element, *held))] = solved
-    return Jumps(before, after, momentum, turn, hits, impulse)
+    return Jumps(place, before, after, momentum, turn, hits, impulse)

@@ -10,9 +10,9 @@ import numpy as np
 from dynkit.core.validation import Array
 from dynkit.systems.impact.elements.element import Element, Watch
 from dynkit.systems.impact.elements.friction import DryFriction
-from dynkit.systems.impact.modes.constrained import sum_of
+from dynkit.systems.impact.modes.constrained import carries, sum_of
 from dynkit.systems.impact.modes.mode import Mode
-from dynkit.systems.impact.modes.structure import ROUNDING, Structure
+from dynkit.systems.impact.modes.structure import Structure
 from dynkit.systems.impact.simulation.regimes import Parts
 
 
@@ -89,7 +89,7 @@ def rubbing(
     for k in rubs:
         change, along = np.linalg.solve(mass, rows[k]), parts.along(both, k)
         others = rows[[*both, stop, *(j for j in rubs if j != k)]]
-        coupled = (abs(others @ change) > ROUNDING * (abs(others) @ abs(change))).any()
+        coupled = any(carries(mass, row, change) for row in others)
         if coupled and along is not True and _kinetic(elements[k]) > 0.0:
             open_ = True
         elif along is False:

@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 from dynkit.core.validation import Array
 from dynkit.systems.impact.elements.element import IMPACT
 from dynkit.systems.impact.elements.stops import HardStop
-from dynkit.systems.impact.modes.constrained import depends
-from dynkit.systems.impact.modes.structure import ROUNDING, Structure
+from dynkit.systems.impact.modes.constrained import carries, depends
+from dynkit.systems.impact.modes.structure import Structure
 from dynkit.systems.impact.modes.taylor_mode import TaylorMode
 from dynkit.systems.impact.modes.taylor_scene import Scene
 from dynkit.systems.impact.simulation.joined_modes import Guard, JoinedModes, cycled_by
@@ -115,6 +115,5 @@ class TaylorAutomaton(JoinedModes):
 
     def coupled(self, guard: Guard, other: int, x: Array, phase: float) -> bool:
         """Whether an impact there changes the rate of another stop's gap."""
-        row, mode = self._scene.rows_at(x)[other], self.modes[guard.mode]
-        change = mode.kick(guard.element, x, phase)
-        return bool(abs(row @ change) > ROUNDING * (abs(row) @ abs(change)))
+        mass, rows = self._scene.inertia(x, phase)
+        return carries(mass, rows[other], self.modes[guard.mode].kick(guard.element, x, phase))

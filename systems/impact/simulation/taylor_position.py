@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -173,10 +174,39 @@ class Position:
         x, v, scene = x.copy(), v.copy(), self._mode.scene
         place, moving, _ = scene.prescribed(k, *self._turn)
         contact, bodies = CurvedContact(scene.curves[k], len(v)), x[: len(v)]
-        if k not in self._mode.sticking:
+        if not any(regime.sticks for regime in scene.elements[k].regimes):
             contact.put(bodies, place)
         contact.push(bodies, v, moving + scene.elements[k].sign * speed)
         return x, v
+
+    def _hold(self, k: int, still: Sequence[int]) -> None:
+        """Put a stop that is hit, and friction that the impact stops, exactly there."""
+        curved = [j for j in (k, *still) if j in self._chart.curves]
+        if not curved:
+            return
+        place = self._place()
+        for j in (*curved, *curved[:-1]):  # gradients need not be at right angles
+            place = self._onto(j, *place, self._speed[k] if j == k else 0.0)
+        self._z = self._chart.coordinates(*place, *self._turn)
+        self._touch()
+
+    def _again(self, element: int) -> None:
+        """In another mode, what did not come to rest may do so."""
+        for k, motion in enumerate(self._motion):
+            if motion == BOUNCES and k != element:
+                self._motion[k] = BOUNCED
+
+    def _canonical(self, k: int) -> None:
+        """The coordinates that a simulation from this state would begin with."""
+        for j, motion in enumerate(self._motion):
+            moves = j < len(self._oscillator._stops) or j in self._chart.springs
+            if j != k and motion != FLIGHT and moves:
+                self._motion[j] = FLIGHT
+        state = self._place()
+        self._z = self._chart.coordinates(*state, *self._turn)
+        self._mode.settled(self._chart, self._z)
+        self._touch()
+        self._afresh()
 
     def _gaps(self) -> dict[int, tuple[float, float]]:
         """Gaps of stops in flight, and their rates: positions have fewer digits."""

@@ -248,12 +248,6 @@ class TaylorCourse(Position):
         self._disturb()
         self._note(number, 0.0, 0.0)
 
-    def _again(self, element: int) -> None:
-        """In another mode, what did not come to rest may do so."""
-        for k, motion in enumerate(self._motion):
-            if motion == BOUNCES and k != element:
-                self._motion[k] = BOUNCED
-
     def _hit(self, number: int) -> int:
         """Newton's law of impact at a guard; the guard's number, in the mode after it."""
         automaton, self._bounce = self._automaton, 0.0
@@ -282,15 +276,14 @@ class TaylorCourse(Position):
         kick = self._kick(k)
         if kick is not None:
             z[n:] -= (1.0 + r) * rate * kick
+        still = []
         for j, ratio in self._scrapes(guard):
-            self._slow(j, *taken(float(z[n + self._chart.speeds[j]]), -(1.0 + r) * rate * ratio))
+            lost = taken(float(z[n + self._chart.speeds[j]]), -(1.0 + r) * rate * ratio)
+            self._slow(j, *lost)
+            still += [j] if lost[1] else []
         z[place], z[n + place] = ABOVE, 0.0 - r * rate
         self._speed[k], self._motion[k] = 0.0 - r * rate, BOUNCED
-        if k in self._chart.curves:
-            self._z = self._chart.coordinates(
-                *self._onto(k, *self._place(), self._speed[k]), *self._turn
-            )
-            self._touch()
+        self._hold(k, still)
         if len(self._motion) > 1:
             self._canonical(k)
         self._at_once += 1
@@ -323,18 +316,6 @@ class TaylorCourse(Position):
             error += moved
             found.append((j, change, stops))
         return found, error
-
-    def _canonical(self, k: int) -> None:
-        """The coordinates that a simulation from this state would begin with."""
-        for j, motion in enumerate(self._motion):
-            moves = j < len(self._oscillator._stops) or j in self._chart.springs
-            if j != k and motion != FLIGHT and moves:
-                self._motion[j] = FLIGHT
-        state = self._place()
-        self._z = self._chart.coordinates(*state, *self._turn)
-        self._mode.settled(self._chart, self._z)
-        self._touch()
-        self._afresh()
 
     def _restitution(self, k: int, speed: float) -> float:
         law: Any = self._laws[k]
@@ -454,6 +435,9 @@ class TaylorCourse(Position):
                 self._z += lost * self._random.choice((-1.0, 1.0), size=self._z.shape)
         self._motion[k], self._speed[k] = FLIGHT if loose else SWITCHED, 0.0
         place = self._place()
+        for j, _, stops in slows[0] if u > 0.0 else ():
+            if stops and j in chart.curves:
+                place = self._onto(j, *place, 0.0)
         self._number = self._automaton.enter(number)
         self._left = k
         self._enter(*place)

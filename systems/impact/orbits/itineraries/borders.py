@@ -111,11 +111,11 @@ class StickAtImpact(OfImpact):
 
     def value(self, solution: Any) -> float:
         i, k = solution.hits[self.number], self.number
-        event, machine = solution.itinerary[i], solution.machine
-        friction, way = event.rubs[self.side]
-        slip = float(machine.rate(friction) @ solution.before[i])
-        taken = float(machine.takes(event.kicked, friction) * solution.impulses[k])
-        return way * slip - taken if way else taken - abs(slip)
+        event, before = solution.itinerary[i], solution.before[i]
+        flights, (friction, way) = solution.flights(event.kicked), event.rubs[self.side]
+        slip = float(flights.rate_of(friction, before)[0])
+        taken = flights.takes(friction, before) * float(solution.impulses[k])
+        return float(way * slip - taken if way else taken - abs(slip))
 
     def place(self, solution: Any, own: Array) -> tuple[float, int]:  # noqa: ARG002
         event = solution.itinerary[solution.hits[self.number]]
@@ -126,7 +126,7 @@ class StickAtImpact(OfImpact):
         i = s.hits[self.number]
         rubs = list(s.itinerary[i].rubs)
         friction, way = rubs[self.side]
-        slip = float(s.machine.rate(friction) @ s.before[i])
+        slip = float(s.flights(s.itinerary[i].kicked).rate_of(friction, s.before[i])[0])
         rubs[self.side] = friction, 0 if way else int(math.copysign(1.0, slip))
         events = list(s.itinerary)
         events[i] = events[i]._replace(rubs=tuple(rubs))

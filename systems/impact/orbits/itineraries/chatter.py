@@ -19,7 +19,7 @@ from dynkit.systems.impact.elements.laws import ImpactLaw
 from dynkit.systems.impact.orbits.itineraries.flying import Flights
 from dynkit.systems.impact.orbits.itineraries.happening import Happening
 from dynkit.systems.impact.orbits.itineraries.itinerary import way
-from dynkit.systems.impact.orbits.machine import Machine
+from dynkit.systems.impact.orbits.machine import Machine, Rubs
 from dynkit.systems.impact.simulation.runs import to_contact
 from dynkit.systems.impact.simulation.state import Motion, beside, state_at
 from dynkit.systems.impact.simulation.trajectory import Trajectory, grouped
@@ -256,7 +256,7 @@ class Chatter:
         which, movings = np.empty(len(since), dtype=np.intp), np.empty_like(since)
         r, slopes, _ = m.rebounds(k, rates)
         jumps = -(1.0 + r) * rates
-        ways = self._ways(m, ends, jumps)
+        ways = self._ways(flights, ends, jumps)
         for own in set(map(tuple, ways.tolist())):
             i = (ways == own).all(axis=1)
             rubs = tuple(zip(self._rub, own, strict=True))
@@ -285,14 +285,16 @@ class Chatter:
             return -law.approach(-near, self.run.log.speed)
         return np.asarray(-self.run.log.speed / float(m.restitution(self.element).real))
 
-    def _ways(self, m: Machine, before: Array, jumps: Array) -> NDArray[np.intp]:
+    def _ways(self, flights: Flights, before: Array, jumps: Array) -> NDArray[np.intp]:
         """Signs (n, f) of slip at the impacts, by what these change: see `Rubs`."""
-        found = []
-        for k in self._rub:
-            slips = (before @ m.rate(k).real).tolist()
-            taken = (m.takes(self.flying, k).real * jumps).tolist()
-            found.append([way(*pair) for pair in zip(slips, taken, strict=True)])
-        return np.array(found, dtype=np.intp).reshape(len(self._rub), len(jumps)).T
+        found = [
+            [
+                way(float(flights.rate_of(k, z)[0].real), flights.takes(k, z) * jump)
+                for k in self._rub
+            ]
+            for z, jump in zip(before, jumps.tolist(), strict=True)
+        ]
+        return np.array(found, dtype=np.intp).reshape(len(jumps), len(self._rub))
 
 
 def _states(run: Trajectory, count: int) -> Array:
@@ -309,6 +311,17 @@ def _states(run: Trajectory, count: int) -> Array:
     return out
 
 
+def _taken(flights: Any, rubs: Rubs, pushed: tuple[Array, Array], by: Array) -> Any:
+    """Derivative (D, D) after an impact that may take slip velocities, and change (D,) by numbers.
+
+    By the state that still has them, its change, and its derivative.
+    """
+    if all(way for _, way in rubs):
+        return by, pushed[1]
+    state, stopped = flights.stopped(rubs, pushed[0] + 1j * pushed[1])
+    return stopped @ by, state.imag
+
+
 def _varying_steps(chatter: Chatter, machine: Machine, flights: Any) -> Steps:
     """See `Steps`, where rows and kicks depend on the state.
 
@@ -319,28 +332,33 @@ def _varying_steps(chatter: Chatter, machine: Machine, flights: Any) -> Steps:
     k, since = chatter.element, chatter._since(chatter.after)
     lasts = np.diff(chatter.run.time, prepend=0.0)
     flown, added = flights.lifted(since, lasts), flights.carried(since, lasts)
-    near = [float(flights.rate_of(k, z)[0].real) for z in flights.ends(since, lasts)]
+    ends = flights.ends(since, lasts)
+    near = [float(flights.rate_of(k, z)[0].real) for z in ends]
     rates = chatter._rates(machine, np.array(near))
     r, slopes, r_changed = machine.rebounds(k, rates)
+    ways = chatter._ways(flights, ends, -(1.0 + r) * rates).tolist()
     turned, moved = flights.rolled(k, since, lasts)
     n, unit = machine.size, np.eye(since.shape[1])
     gap_changed = machine.gap(k).imag / STEP
     found = []
     for i, rate in enumerate(rates.tolist()):
-        kick = flights.kick(k, chatter.after[i])
+        rubs = tuple(zip(chatter._rub, ways[i], strict=True))
+        kick = flights.kick(k, chatter.after[i], rubs)
         push, pull = (1.0 + r[i]) * kick, (1.0 + slopes[i]) * kick.real
-        before = chatter.after[i] + rate * push.real
+        # what an impact took is not in the state after it
+        before = ends[i] if 0 in ways[i] else chatter.after[i] + rate * push.real
         (gap, row), (closing, by_rate) = flights.gap_of(k, before), flights.rate_of(k, before)
         shift, row = np.zeros(len(before)), row.real
         shift[:n] = row[:n] / (row[:n] @ row[:n])
         hit = unit - np.outer(pull, by_rate.real)
-        hit -= (1.0 + r[i]) * rate * flights.turned(k, before)
-        put = hit @ (unit - np.outer(shift, row))
-        moving = put @ flights.rate(before)
+        hit -= (1.0 + r[i]) * rate * flights.turned(k, before, rubs)
         later = -(row @ flown[i] + turned[i]) / rate
         delay = -(row @ added[i] + flown[i] @ since[i] @ gap_changed + moved[i]) / rate
-        more = put @ added[i] - rate * (push.imag / STEP + r_changed[i] * kick.real)
-        more -= (hit @ shift * gap.imag + pull * closing.imag) / STEP
+        changed = -rate * (push.imag + STEP * r_changed[i] * kick.real)
+        changed -= hit @ shift * gap.imag + pull * closing.imag
+        hit, changed = _taken(flights, rubs, (before - rate * push.real, changed), hit)
+        put = hit @ (unit - np.outer(shift, row))
+        moving, more = put @ flights.rate(before), put @ added[i] + changed / STEP
         found.append((put, moving, later, delay, more))
     hits, *others = map(np.array, zip(*found, strict=True))
     return Steps(flown, hits, np.arange(len(hits)), *others)

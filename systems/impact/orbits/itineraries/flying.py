@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from functools import cached_property
 from typing import TYPE_CHECKING, Any, final
 
@@ -14,6 +14,7 @@ from dynkit.core.no_motion import CannotFollow, Diverged
 from dynkit.core.validation import Array
 from dynkit.orbits.newton import NoSolution
 from dynkit.systems.impact.elements.element import Watch
+from dynkit.systems.impact.modes.constrained import pushes
 from dynkit.systems.impact.modes.taylor_mode import FREQUENCY, Path, TaylorMode
 from dynkit.systems.impact.modes.taylor_scene import Scene
 from dynkit.systems.impact.orbits.exponentials import carried, lifted, moved
@@ -84,9 +85,22 @@ class LinearFlights:
         row = self.machine.rate(element)
         return z @ row, row
 
+    def rubs(self, guard: Any, z: Any) -> list[int] | None:  # noqa: ARG002
+        """Friction that rubs at an impact; None where the masses leave open what it does."""
+        return None if guard.ambiguous else [part.element for part in guard.scrapes]
+
     def kick(self, element: int, z: Any, rubs: Rubs = ()) -> Any:  # noqa: ARG002
         """Change (D,) of a state by an impulse that changes the rate of a gap by one."""
         return self.machine.kick(self.mode, element, rubs)
+
+    def takes(self, friction: int, z: Any) -> float:  # noqa: ARG002
+        """Most that an impact takes from a slip velocity, over the change of the gap's rate."""
+        return float(self.machine.takes(self.mode, friction).real)
+
+    def stopped(self, rubs: Rubs, z: Any) -> tuple[Any, Any]:
+        """The state (D,) without slip velocities that an impact takes; derivative (D, D) by `z`."""
+        matrix = self.machine.stopped(self.mode, rubs)
+        return matrix @ z, matrix.real
 
     def begun(self, event: Happening, z: Any) -> tuple[Any, Any]:
         """The state (D,) with which the mode begins after an event, and derivative (D, D) by `z`.
@@ -289,19 +303,44 @@ class TaylorFlights:
         """Rate of the gap of a stop at a state, and its derivative (D,) by that."""
         return self._along(element, z, self.machine.rate(element), 0.0, 1.0)
 
+    def rubs(self, guard: Any, z: Any) -> list[int] | None:
+        """Friction that rubs at an impact; None where the masses leave open what it does."""
+        automaton, where = self._oscillator._automaton, (z[: self._n], _phase(z))
+        ambiguous = guard.ambiguous or (self.varies and automaton.outcome(guard, *where)[1])
+        return None if ambiguous else [part.element for part in automaton.scrapes(guard, *where)]
+
     def kick(self, element: int, z: Any, rubs: Rubs = ()) -> Any:
         """Change (D,) of a state by an impulse that changes the rate of a gap by one."""
         if not self.varies:
             return self.machine.kick(self._regimes, element, rubs)
-        kick = self.mode.kick_in(self._scene, element, z[: self._n], _phase(z))
+        pulls = [(k, way * self.machine.coefficient(k)) for k, way in rubs if way]
+        kick = self.mode.kick_in(self._scene, element, z[: self._n], _phase(z), pulls)
         out = np.zeros(len(z), dtype=kick.dtype)
         out[self._n : 2 * self._n] = kick
         return out
 
-    def turned(self, element: int, z: Array) -> Array:
+    def takes(self, friction: int, z: Any) -> float:
+        """Most that an impact takes from a slip velocity, over the change of the gap's rate."""
+        now = z.real
+        return float(self.mode.takes(friction, now[: self._n], _phase(now)))
+
+    def stopped(self, rubs: Rubs, z: Any) -> tuple[Any, Any]:
+        """The state (D,) without slip velocities that an impact takes; derivative (D, D) by `z`."""
+        if not self.varies:
+            matrix = self.machine.stopped(self._regimes, rubs)
+            return matrix @ z, matrix.real
+
+        def moved(there: Any) -> Any:
+            lost = [self.kick(k, there) * self.rate_of(k, there)[0] for k, way in rubs if not way]
+            return there - sum(lost)
+
+        return moved(z), _derivative(moved, z)
+
+    def turned(self, element: int, z: Array, rubs: Rubs = ()) -> Array:
         """Derivative (D, D) of a kick by the state."""
         n, rows, out = self._n, np.zeros((self._n, len(z) - 2)), np.zeros((len(z), len(z)))
-        by_place = self.mode.kick_by_place(element, z[:n], _phase(z))
+        pulls = [(k, way * float(self.machine.coefficient(k).real)) for k, way in rubs if way]
+        by_place = self.mode.kick_by_place(element, z[:n], _phase(z), pulls)
         rows[:, :n], rows[:, -1] = by_place[:, :n], by_place[:, n]
         out[n : 2 * n] = self.wide(rows, z)
         return out
@@ -326,10 +365,7 @@ class TaylorFlights:
                 return self._put(event.element, there)
             return self._slid(self._caught(there) if caught else there)
 
-        here = moved(z.real + 0j)
-        there = [moved(z.real + 1j * STEP * unit) for unit in np.eye(len(z))[:-1]]
-        by = (np.array(there) - here).imag.T / STEP
-        return moved(z), np.column_stack([by, np.eye(len(z))[-1]])
+        return moved(z), _derivative(moved, z)
 
     def _put(self, k: int, z: Any) -> Any:
         """Positions are moved along the gradient so that the gap is zero."""
@@ -349,7 +385,8 @@ class TaylorFlights:
         n, held, elements = self._n, list(self._regimes.held), self.mode.scene.elements
         mass, rows = self._scene.inertia(z[:n], _phase(z))
         rates = np.array([elements[k].sign * self.rate_of(k, z)[0] for k in held])
-        response = np.linalg.solve(mass, rows[held].T)
+        slips = self.machine.slips(self._regimes, rows)
+        response = np.linalg.solve(mass, pushes(rows[held], slips))
         lost = response @ np.linalg.solve(rows[held] @ response, rates)
         return np.concatenate([z[:n], z[n : 2 * n] - lost, z[2 * n :]])
 
@@ -460,6 +497,14 @@ def laid(flights: Flights, closed: Sequence[int], z: Any) -> tuple[Any, Any]:
         away[begin : begin + n] = np.linalg.pinv(rows[:, begin : begin + n].real)
         z, by = z - away @ gaps, by - away @ (rows.real @ by)
     return z, by
+
+
+def _derivative(moved: Callable[[Any], Any], z: Any) -> Array:
+    """Derivative (D, D) of a change of states by the state."""
+    here = moved(z.real + 0j)
+    there = [moved(z.real + 1j * STEP * unit) for unit in np.eye(len(z))[:-1]]
+    by = (np.array(there) - here).imag.T / STEP
+    return np.column_stack([by, np.eye(len(z))[-1]])
 
 
 def _phase(z: Any) -> Any:

@@ -246,19 +246,15 @@ def _outcome(
         return event._replace(piece=law.piece(-float(flights.rate_of(stop, z)[0])))
     if mode is None or stop not in machine.normal.values():
         return event
-    if guard.ambiguous:
+    found = flights.rubs(guard, z)
+    if found is None:
         raise NoConvergence(
             "no periodic orbit found: masses leave open what friction does at an impact; got "
             f"{machine.elements[stop]!r}"
         )
-    if flights.varies:
-        raise NoConvergence(
-            "no periodic orbit found: friction with a coefficient needs constant masses and rows; "
-            f"got {machine.elements[stop]!r}"
-        )
     jump = -(1.0 + machine.restitution(stop)) * float(flights.rate_of(stop, z)[0])
-    slips = [(part.element, float(machine.rate(part.element) @ z)) for part in guard.scrapes]
-    return event._replace(rubs=tuple((k, way(w, machine.takes(mode, k) * jump)) for k, w in slips))
+    slips = [(k, float(flights.rate_of(k, z)[0])) for k in found]
+    return event._replace(rubs=tuple((k, way(w, flights.takes(k, z) * jump)) for k, w in slips))
 
 
 def way(slip: float, taken: float) -> int:
@@ -290,7 +286,8 @@ def _name(
     rates = np.array([moving.rate_of(k, state)[0] for state in z])
     jumps = -(1.0 + machine.rebounds(k, rates)[0]) * rates
     kicks = [moving.kick(k, state, last.rubs) for state in z]
-    z = (z + jumps[:, None] * np.array(kicks)) @ machine.stopped(last.mode, last.rubs).T
+    z = z + jumps[:, None] * np.array(kicks)
+    z = np.array([moving.stopped(last.rubs, state)[0] for state in z])
     bends = np.array([moving.rate_of(k, state)[1] for state in z])
     pressing = -(moving.rates(z) * bends).sum(axis=1)
     flights, change = np.diff(times[begin:]), abs(np.diff(pressing))

@@ -171,8 +171,8 @@ class Passage(ItinerarySolution):
                 pushed = pushed + self.impulses[self.impulse_of[i]] * self._kicks[i]
             pushed, by = laid(self._modes[i], self._closed if node else (), pushed)
             if event.kicked and event.rubs:
-                stopped = m.stopped(event.kicked, event.rubs)
-                pushed, by = stopped @ pushed, stopped.real @ by
+                pushed, stopped = flights.stopped(event.rubs, pushed)
+                by = stopped @ by
             after[i], put = self._modes[i].begun(event, pushed)
             self._put[i] = put @ by
             start, lasts = after[i], self.durations[i]
@@ -202,7 +202,7 @@ class Passage(ItinerarySolution):
             reset = self._put[i]
             flights: Any = self.flights(event.kicked) if event.kicked else None
             if flights and flights.varies:
-                turned = flights.turned(event.element, before[i])
+                turned = flights.turned(event.element, before[i], event.rubs)
                 reset = reset @ (np.eye(len(reset)) + self.impulses[self.impulse_of[i]] * turned)
             out.append(reset)
         return np.array(out)
