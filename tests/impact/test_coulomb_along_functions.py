@@ -217,7 +217,7 @@ def both(name: str) -> tuple[Any, Any]:
     alike: Any = {"masses": 2, "damping": 0.15, "frequency": given["frequency"]}
     forces: Any = {"harmonic_forces": [PUSH, PULL], "constant_forces": [0.0, -given["press"]]}
     exact = ImpactChain(elements=elements(0, 1), **alike, **forces)
-    bends = {"bend": 0.0 if places[0] == 0 else 0.1, "last": 0.0 if places[1] == 1 else 0.12}
+    bends: Any = {"bend": 0.0 if places[0] == 0 else 0.1, "last": 0.0 if places[1] == 1 else 0.12}
     return exact, Pulled(elements=elements(*places), press=given["press"], **alike, **bends)
 
 
