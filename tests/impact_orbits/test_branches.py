@@ -9,7 +9,13 @@ import pytest
 
 from dynkit import continue_curve, continue_orbit
 from dynkit.continuation.branch import Branch
-from dynkit.systems import ImpactChain, ImpactOscillator, SingleImpactOscillator
+from dynkit.systems import (
+    ImpactChain,
+    ImpactOscillator,
+    MatrixOscillator,
+    SingleImpactOscillator,
+    SoftStop,
+)
 from dynkit.systems.impact.orbits.orbit import ImpactOrbit
 from tests.impact.one_mass import periodic_orbits
 from tests.impact_orbits.exact_orbits import distance, exact_orbit, one_impact_orbits
@@ -100,3 +106,24 @@ def test_the_grazing_curve_in_frequency_and_force_is_that_of_the_linear_response
     assert np.ptp(curve.parameters[:, 0]) > 1.0
     for frequency, force in curve.parameters.tolist():
         assert abs(force - system.replace(frequency=frequency).grazing_force) <= 1e-10 * force
+
+
+def test_a_branch_passes_a_resonance_a_hundred_times_as_high_as_its_begin() -> None:
+    force, dashpot, far = 0.02, 0.01, SoftStop(0, offset=-100.0, stiffness=1.0)
+    alone: Any = {"M": [[1.0]], "C": [[dashpot]], "K": [[1.0]], "harmonic_forces": [force]}
+    machine = MatrixOscillator(frequency=0.1, elements=[far], **alone)
+    orbit = machine.attractor(transient=300).periodic_orbit()
+    branch = continue_orbit(orbit, "frequency", bounds=(0.05, 2.0))
+    w = branch.parameter
+    assert (w[0], w[-1]) == (0.05, 2.0)
+    assert len(branch) < 700
+
+    def exact(w: Any) -> Any:
+        response = force / (1.0 - w**2 + 1j * dashpot * w)
+        return np.array([0.0 * w, response.imag, (1j * w * response).imag])
+
+    # a point is as far from the curve, in its units and in that of the parameter
+    units = np.array([branch.problem.scale(x) for x in branch.unknowns]).T
+    slopes = np.gradient(exact(w), w, axis=1)
+    allowed = branch.error * (units + abs(slopes) * np.ptp(w))
+    assert (abs(branch.unknowns.T - exact(w)) <= allowed).all()

@@ -90,7 +90,7 @@ def test_derivatives_through_events_at_once_are_those_of_differences(name: str) 
     exact = system.jacobian(state)
     assert abs(exact - differences(system, state)).max() < 1e-7
     found = system._followed(state, 3)[1]
-    assert np.array([factor for (factor,), _ in found]) == pytest.approx(np.array([exact] * 3))
+    assert np.array([factor for (factor,), *_ in found]) == pytest.approx(np.array([exact] * 3))
 
 
 @pytest.mark.parametrize("kind", [turning])

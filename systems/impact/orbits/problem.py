@@ -301,8 +301,15 @@ class ImpactProblem(PeriodicProblem, WatchedProblem):
         count = self.layout.states // self.dimension
         return np.tile(self._measures[: self.dimension], count)
 
-    def scale(self, x: Array) -> Array:  # noqa: ARG002
-        return self._scale
+    def scale(self, x: Array) -> Array:
+        if self.responds:
+            return self._scale
+        # a branch that climbs a resonance keeps its step size, relative to the motion
+        n, d, (events, impacts, _) = self.oscillator.degrees_of_freedom, self.dimension, self.layout
+        moved = abs(x[events + impacts :].reshape(-1, d)).max(axis=0)
+        length, speed = np.maximum(self.sizes, [moved[:n].max(), moved[n : 2 * n].max()])
+        own = np.tile(np.repeat([length, speed, length], [n, n, d - 2 * n]), len(self.nodes))
+        return np.concatenate([self._scale[:events], np.full(impacts, speed), own])
 
     @cached_property
     def units_of_equations(self) -> Array:
