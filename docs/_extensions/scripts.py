@@ -28,7 +28,7 @@ LONGEST = 25
 SECTIONS = {
     "Machines": (
         *("machine", "basins", "bilinear", "stick_slip", "hysteresis", "gears", "plane"),
-        *("diagram", "spectrum", "pod", "toda", "animation"),
+        *("diagram", "spectrum", "pod", "toda", "resonances", "animation"),
     ),
     "Maps and flows": (
         *("henon", "ikeda", "cascade", "circle", "standard", "chua", "homoclinic", "galaxy"),

@@ -8,6 +8,8 @@ from typing import Any
 import mpmath as mp
 import numpy as np
 import pytest
+from scipy.integrate import quad
+from scipy.optimize import brentq
 
 from dynkit import continue_curve, continue_orbit
 from dynkit.orbits.kinds import BifurcationKind
@@ -266,3 +268,52 @@ def test_a_chain_of_toda_slips_and_sticks() -> None:
     assert np.poly(orbit.multipliers) == pytest.approx(
         np.poly(np.linalg.eigvals(jacobian)), abs=1e-8
     )
+
+
+# --- the driven Toda chain ------------------------------------------------------------------------
+
+
+def driven_toda(masses: int, **parameters: Any) -> TodaChain:
+    return TodaChain(
+        masses=masses, elements=[SoftStop(0, offset=-100.0, stiffness=1.0)], **parameters
+    )
+
+
+def free_period(energy: float) -> float:
+    """Period of a free mass on Toda's spring, by quadrature between its turning points."""
+
+    def left(x: Any) -> Any:
+        return energy - (np.exp(x) - 1.0 - x)
+
+    low, high = brentq(left, -50.0, 0.0), brentq(left, 0.0, 10.0)
+    middle, half = 0.5 * (low + high), 0.5 * (high - low)
+
+    def time(angle: float) -> Any:
+        return half * np.cos(angle) / np.sqrt(2.0 * left(middle + half * np.sin(angle)))
+
+    return float(2.0 * quad(time, -0.5 * np.pi, 0.5 * np.pi, epsabs=1e-10)[0])
+
+
+def test_the_resonance_of_a_toda_spring_leans_along_its_free_oscillations() -> None:
+    chain = driven_toda(1, damping=0.02, frequency=0.6, harmonic_forces=[0.04])
+    orbit = chain.attractor(transient=400).periodic_orbit()
+    branch = continue_orbit(orbit, "frequency", bounds=(0.6, 1.2), largest_step=0.1)
+    energy = []
+    for i, frequency in enumerate(branch.parameter):
+        x, v = branch.orbit(i).sample(np.linspace(0.0, 2.0 * np.pi / frequency, 65)[:-1])
+        energy.append((v**2 / 2.0 + np.exp(x) - 1.0 - x).mean())
+    top = int(np.argmax(energy))
+    # the dashpot is balanced by the force, but for terms of the order of its square
+    assert branch.parameter[top] == pytest.approx(2.0 * np.pi / free_period(energy[top]), abs=4e-4)
+    assert energy[top] > 1.5
+    folds = [found.value for found in branch.bifurcations]
+    assert [found.kind for found in branch.bifurcations] == [BifurcationKind.SN] * 2
+    assert min(folds) < branch.parameter[top] < 0.87
+    assert max(folds) > 0.95
+
+
+@pytest.mark.parametrize(("frequency", "label"), [(0.86, "P(1,1)"), (0.893, "P(2,2)")])
+def test_a_driven_toda_chain_doubles_its_period(frequency: float, label: str) -> None:
+    # between the period doublings of its branch at 0.8824 and 0.9038
+    chain = driven_toda(3, damping=0.05, frequency=frequency, harmonic_forces=[0.0, 0.0, 0.15])
+    assert str(chain.attractor(transient=600).label) == label
