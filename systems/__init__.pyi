@@ -6,6 +6,7 @@ from .flows.duffing import Duffing as Duffing
 from .flows.henon_heiles import HenonHeiles as HenonHeiles
 from .flows.integrated import IntegratedFlow as IntegratedFlow
 from .flows.lorenz import Lorenz as Lorenz
+from .flows.parametric_pendulum import ParametricPendulum as ParametricPendulum
 from .flows.rossler import Rossler as Rossler
 from .flows.three_body import RestrictedThreeBody as RestrictedThreeBody
 from .flows.van_der_pol import VanDerPol as VanDerPol

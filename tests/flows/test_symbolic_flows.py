@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 import pytest
 import sympy as sp
+from scipy.special import mathieu_a, mathieu_b
 
 from dynkit import (
     Hyperplane,
@@ -32,6 +33,7 @@ from dynkit.systems import (
     Duffing,
     HenonHeiles,
     Lorenz,
+    ParametricPendulum,
     Rossler,
     SymbolicFlow,
     VanDerPol,
@@ -66,6 +68,7 @@ SYMBOLIC: dict[str, SymbolicFlow] = {
 }
 SHIPPED: dict[str, tuple[SymbolicFlow, list[list[float]]]] = {
     "van der pol": (VanDerPol(mu=2.0), [[1.0, 0.5], [-2.0, 1.0]]),
+    "parametric pendulum": (ParametricPendulum(), [[0.5, 0.1, 0.2], [3.0, -0.4, 2.0]]),
     "chua": (Chua(), [[0.5, 0.1, -0.5], [1.5, -0.2, -1.0]]),
     "brusselator": (Brusselator(), [[1.0, 2.0], [0.5, 3.0]]),
     "henon heiles": (HenonHeiles(), [[0.1, 0.2, 0.3, -0.1], [0.0, -0.2, 0.4, 0.1]]),
@@ -289,6 +292,25 @@ def test_the_cycle_of_van_der_pol_has_the_period_of_the_series() -> None:
     period = maxima.return_time(cycle.states[0])
     # the next term is of order mu^8, with a coefficient below 1e-3
     assert 2.0 * np.pi / period == pytest.approx(series, abs=1e-11)
+
+
+@pytest.mark.parametrize("amplitude", [0.05, 0.2, 0.4])
+@pytest.mark.parametrize(
+    ("angle", "characteristic", "order", "trace"),
+    [(np.pi, mathieu_a, 0, 2.0), (0.0, mathieu_a, 1, -2.0), (0.0, mathieu_b, 1, -2.0)],
+)
+def test_the_parametric_pendulum_has_the_borders_of_mathieu(
+    amplitude: float, angle: float, characteristic: Any, order: int, trace: float
+) -> None:
+    # y'' + (a - 2 q cos 2z) y = 0 with the phase 2z: a = 4 / w^2, below zero upside down, |q| = 2 A
+    number = float(characteristic(order, 2.0 * amplitude))
+    frequency = 2.0 / np.sqrt(abs(number))
+    pendulum = ParametricPendulum(damping=0.0, amplitude=amplitude, frequency=frequency)
+    stroboscopic = PoincareMap(pendulum, Stroboscope(3), time_limit=20.0 / frequency)
+    matrix = stroboscopic.jacobian(at(angle, 0.0))
+    assert np.sign(number) == (-1.0 if angle else 1.0)
+    assert np.trace(matrix) == pytest.approx(trace, abs=1e-11)
+    assert np.linalg.det(matrix) == pytest.approx(1.0, abs=1e-11)
 
 
 def test_the_brusselator_has_a_hopf_point_in_closed_form() -> None:

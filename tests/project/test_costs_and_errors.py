@@ -101,6 +101,7 @@ NO_RESULTS = {
     "StandardMap": SYSTEM,
     "SymbolicFlow": SYSTEM,
     "SymbolicMap": SYSTEM,
+    "ParametricPendulum": SYSTEM,
     "VanDerPol": SYSTEM,
     "ContinuationMethod": OPTION,
     "Corrector": OPTION,
