@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from dynkit.continuation.arclength import Continuation
 from dynkit.continuation.bifurcations import Bifurcation
 from dynkit.continuation.checks import checked_bounds, checked_method, problem_of
-from dynkit.continuation.defining_systems import BifurcationEquations
+from dynkit.continuation.defining_systems import BifurcationEquations, CriticalMultiplier, merges
 from dynkit.continuation.initial_tangents import start_points
 from dynkit.continuation.kinds import condition_of
 from dynkit.continuation.orbit_equations import distance_from_curve
@@ -195,6 +195,8 @@ def continue_curve(
 
     A curve of BP goes on as long as a symmetry, or an orbit that is always there, makes branches
     cross. Where the parameters break it, they come apart: the curve ends, at its start if need be.
+    A curve of SN, PD or NS ends where two events of the orbit merge, at a GR: there is no such
+    orbit beyond.
 
     Parameters
     ----------
@@ -243,6 +245,8 @@ def continue_curve(
     method = checked_method(step, largest_step, points)
     widths = np.array([high - low for low, high in ranges])
     start, equations = _start(bifurcation, problem, widths)
+    first, _, first_p = equations.split(start.y)
+    of_multiplier = isinstance(equations.condition, CriticalMultiplier)
     m, e = problem.size, equations.condition.unknowns
     limits = [
         Bound(m + e + i, name, *interval)
@@ -260,10 +264,13 @@ def continue_curve(
             if isinstance(each, Ending):
                 found.ending = each
                 break
-            if equations.is_unfolded(each.y):
+            x, _, p = equations.split(each.y)
+            merged = of_multiplier and merges(problem, x, p, first, first_p)
+            if merged or equations.is_unfolded(each.y):
+                reason = Reason.BORDER if merged else Reason.SEPARATED
                 last = ", ".join(f"{value:.6g}" for value in found.points[-1].y[m + e :])
-                message = f"{Reason.SEPARATED.value}: {names[0]}, {names[1]} {last}"
-                found.ending = Ending(Reason.SEPARATED, message)
+                message = f"{reason.value}: {names[0]}, {names[1]} {last}"
+                found.ending = Ending(reason, message)
                 break
             found.points.append(each)
         return found
@@ -299,9 +306,9 @@ def _start(
     if kind is BifurcationKind.NS:
         # the angle between 0 and pi of the conjugate pair
         own = np.arccos(np.cos(own))
-    condition, own = condition_of(kind, bifurcation.event, problem, x, own, p)
-    equations = BifurcationEquations(problem, condition, widths)
     try:
+        condition, own = condition_of(kind, bifurcation.event, problem, x, own, p)
+        equations = BifurcationEquations(problem, condition, widths)
         (start, *_) = start_points(equations, np.concatenate([x, own, p]))
     except NoSolution as refusal:
         raise ValueError(f"bifurcation must be solved for; got {refusal}") from refusal

@@ -29,6 +29,9 @@ RESONANCES = tuple(sorted({j / k for k in range(3, 7) for j in range(1, k) if 2 
 _CHANGE, _SHORTER = 1e-2, 4
 # Relative step of a multiplier for the derivative of D.
 _DISTURBED = 1e-7
+# A number that is no critical multiplier. Where two events of an orbit merge, D is singular for all
+# numbers: for this one its least singular value falls to this part of that at a near orbit.
+_BESIDE, _SINGULAR = 0.3 + 0.7j, 1e-8
 # Largest unfolding unknown at a branch point.
 _UNFOLDED = 1e-9
 
@@ -313,3 +316,15 @@ def null_vector(problem: Problem, x: Array, p: Array, multiplier: float) -> Arra
     units = problem.scale(x)
     rows = np.linalg.svd(problem.pencil(x, p, multiplier) * units)[2]
     return np.asarray(rows[-1] * units)
+
+
+def merges(problem: Problem, at: Array, p: Array, near: Array, p_near: Array) -> bool:
+    """Whether two events merge in the orbit `at`, (m,), but not in one near it.
+
+    The equations are then singular without a critical multiplier.
+    """
+    least = [
+        np.linalg.svd(problem.pencil(x, q, _BESIDE) * problem.scale(x), compute_uv=False)[-1]
+        for x, q in ((at, p), (near, p_near))
+    ]
+    return bool(least[0] < _SINGULAR * least[1])

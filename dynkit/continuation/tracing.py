@@ -11,6 +11,7 @@ import numpy as np
 from dynkit.continuation.arclength import Continuation
 from dynkit.continuation.corrector import Failure
 from dynkit.continuation.crossings import Located
+from dynkit.continuation.defining_systems import merges
 from dynkit.continuation.locating import locate
 from dynkit.continuation.points import Point
 from dynkit.continuation.termination import Ending, Reason
@@ -152,7 +153,11 @@ def _between(
     found: list[tuple[float, Located]] = []
     for crossing in after.seen.crossings:
         located = locate(problem, curve, before, after, crossing)
-        if located is not None and not any(_same(located, other) for _, other in found):
+        if located is None or any(_same(located, other) for _, other in found):
+            continue
+        near = before.y[:-1], before.y[-1:]
+        of_multiplier = crossing.kind in _OF_MULTIPLIERS
+        if not of_multiplier or not merges(problem, located.x, located.p, *near):
             gap = (np.append(located.x, located.p) - before.y) / before.scale
             found.append((float(np.clip(gap @ way / (way @ way), 0.0, 1.0)), located))
     return sorted(found, key=lambda entry: entry[0])

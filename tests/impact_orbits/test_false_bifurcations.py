@@ -11,7 +11,7 @@ from dynkit import Branch, continue_curve, continue_orbit
 from dynkit.continuation.crossings import Crossing, Located
 from dynkit.continuation.tracing import is_of_event
 from dynkit.orbits.kinds import BifurcationKind
-from dynkit.systems import ImpactChain, MatrixOscillator, SoftStop
+from dynkit.systems import HardStop, ImpactChain, Jenkins, MatrixOscillator, SoftStop
 from tests.reference.random_machines import random_machine
 from tests.validation.curves import _oscillators as oscillators
 
@@ -90,6 +90,57 @@ def test_no_fold_where_friction_only_just_sticks() -> None:
     folds = [found.value for found in branch.bifurcations if found.kind == "SN"]
     assert len(values) >= 2
     assert all(min(abs(fold - value) for value in values) > 1e-6 for fold in folds)
+
+
+def test_no_fold_where_events_merge_of_an_orbit_that_is_no_motion() -> None:
+    """No GR is named there: the orbit is inadmissible on both sides."""
+    stops = [
+        SoftStop(1, offset=-0.067, stiffness=5.3, damping=0.36),
+        SoftStop(0, side="below", offset=0.151, stiffness=17.7),
+    ]
+    machine = ImpactChain(
+        masses=2, damping=0.2, frequency=0.92, harmonic_forces=[0.92, 0.0], elements=stops
+    )
+    orbit = machine.attractor(transient=400).periodic_orbit()
+    branch = continue_orbit(orbit, "frequency", bounds=(0.872, 0.93))
+    assert "GR" in {found.kind for found in branch.bifurcations}
+    folds = [found for found in branch.bifurcations if found.kind == "SN"]
+    assert [abs(fold.orbit.multipliers - 1.0).min() for fold in folds] == []
+
+
+def test_a_curve_of_period_doublings_ends_where_it_meets_a_grazing() -> None:
+    """Where two events merge the equations are singular for -1 also, which is no multiplier."""
+    joint = Jenkins(0, stiffness=2.78, force=0.169, name="joint")
+    pad = SoftStop(0, offset=-0.089, stiffness=10.2)
+    machine = ImpactChain(
+        masses=1, damping=0.1, frequency=0.947, harmonic_forces=[0.86], elements=[joint, pad]
+    )
+    orbit = machine.attractor(transient=400).periodic_orbit()
+    branch = continue_orbit(orbit, "frequency", bounds=(0.9, 1.05))
+    doubling = [found for found in branch.bifurcations if found.kind == "PD"][-1]
+    names, bounds = ("frequency", "joint.stiffness"), ((0.7, 1.2), (2.36, 3.0))
+    curve = continue_curve(doubling, names, bounds=bounds)
+    critical = [abs(curve.orbit(k).multipliers + 1.0).min() for k in range(len(curve))]
+    assert max(critical) < 1e-9
+    frequency, stiffness = curve.parameters[0]
+    assert curve.endings[0].message == (
+        f"beyond, there is no such orbit: frequency, joint.stiffness {frequency:.6g}, "
+        f"{stiffness:.6g}"
+    )
+    assert curve.endings[1].message == "the bound was reached: joint.stiffness 3"
+
+
+def test_a_border_of_endless_chatter_begins_no_curve() -> None:
+    stop = HardStop(0, offset=0.18, restitution=0.28, name="stop")
+    machine = ImpactChain(
+        masses=1, damping=0.1, frequency=1.04, harmonic_forces=[0.83], elements=[stop]
+    )
+    orbit = machine.attractor(transient=200).periodic_orbit()
+    branch = continue_orbit(orbit, "stop.restitution", bounds=(0.2, 0.4))
+    (border,) = (found for found in branch.bifurcations if found.kind == "CB")
+    bounds = ((0.2, 0.4), (0.1, 0.3))
+    with pytest.raises(ValueError, match="an endless chatter ends is not smooth"):
+        continue_curve(border, ("stop.restitution", "stop.offset"), bounds=bounds)
 
 
 def located(kind: str, value: float, event: int = -1, error: float = 1e-13) -> Located:
