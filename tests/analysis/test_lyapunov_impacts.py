@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from functools import cache
 from itertools import islice
+from typing import Any
 
 import numpy as np
 import pytest
@@ -26,6 +27,7 @@ from dynkit.systems import (
     TodaChain,
 )
 from dynkit.systems.impact.elements.element import Element
+from tests.impact.disguised import disguised
 from tests.impact.one_mass import periodic_orbits
 
 
@@ -245,6 +247,34 @@ def pair(*elements: Element, frequency: float = 1.0, force: float = 0.3) -> Impa
 
 
 BELTS = [DryFriction(k, force=0.5 - 0.2 * k, static=0.8, velocity=0.2) for k in (0, 1)]
+
+
+class Uneven(ImpactOscillator):
+    """A mass that slides on a table, both masses vary with their places."""
+
+    degrees_of_freedom = 2
+
+    def kinetic(self, x: Any, v: Any) -> Any:  # type: ignore[override]
+        return (1 + x[0] ** 2 / 5) * v[0] ** 2 / 2 + (1 + x[1] ** 2 / 10) * v[1] ** 2 / 2
+
+    def potential(self, x: Any) -> Any:
+        return x[0] ** 2 / 2 - x[0] * x[1] / 5 + x[1] ** 2 / 4 + 2 * x[1] / 5 + x[0] ** 4 / 20
+
+    def dissipation(self, v: Any) -> Any:
+        return (v[0] ** 2 + v[1] ** 2) / 20
+
+
+SLIDING = MatrixOscillator(
+    M=np.eye(2),
+    C=0.1 * np.eye(2),
+    K=[[1.0, -0.2], [-0.2, 0.5]],
+    frequency=1.1,
+    constant_forces=[0.0, -0.4],
+    elements=[
+        HardStop(1, amplitude=1.2, restitution=0.6, name="table"),
+        DryFriction(0, coefficient=0.3, normal="table", velocity=0.2),
+    ],
+)
 HOLDING = {
     "a slider": (pair(Jenkins(0, stiffness=2.0, force=0.1)), 1),
     "two sliders": (
@@ -264,16 +294,14 @@ HOLDING = {
         1,
     ),
     "friction": (pair(DryFriction(0, force=0.3), frequency=0.3, force=0.45), 1),
-    "an impact that stops the slip": (
-        MatrixOscillator(
-            M=np.eye(2),
-            C=0.1 * np.eye(2),
-            K=[[1.0, -0.2], [-0.2, 0.5]],
+    "an impact that stops the slip": (SLIDING, 1),
+    "an impact that stops the slip, by Taylor's method": (disguised(SLIDING), 1),
+    "an impact that stops the slip, where masses vary": (
+        Uneven(
             frequency=1.1,
-            constant_forces=[0.0, -0.4],
             elements=[
                 HardStop(1, amplitude=1.2, restitution=0.6, name="table"),
-                DryFriction(0, coefficient=0.3, normal="table", velocity=0.2),
+                DryFriction(0, coefficient=0.6, normal="table", velocity=0.1),
             ],
         ),
         1,

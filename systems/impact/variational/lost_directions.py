@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
 
+from dynkit.core.validation import Array
 from dynkit.systems.impact.elements.element import RIDES
 from dynkit.systems.impact.elements.laws import ImpactLaw, rebound
 from dynkit.systems.impact.modes.structure import independent
@@ -14,7 +15,10 @@ from dynkit.systems.impact.variational.map_derivative import along
 
 if TYPE_CHECKING:
     from dynkit.systems.impact.simulation.driven_structure import DrivenStructure
+    from dynkit.systems.impact.simulation.joined_modes import Guard
     from dynkit.systems.impact.simulation.trajectory import Trajectory
+
+_Rates: TypeAlias = "tuple[float, list[tuple[float, float]]]"
 
 
 def lost_directions(oscillator: DrivenStructure, run: Trajectory) -> NDArray[np.intp]:
@@ -57,23 +61,36 @@ def _rank(oscillator: DrivenStructure, elements: tuple[int, ...]) -> int:
 
 
 def _at_impact(oscillator: DrivenStructure, run: Trajectory, k: int) -> int:
-    """Number of directions that the impact at the end of segment k takes.
-
-    Where the energies are not quadratic, without friction at the contact that it stops.
-    """
+    """Number of directions that the impact at the end of segment k takes."""
     s, automaton = run.segments, oscillator._automaton
     guard, point = automaton.guards[int(s.guard[k + 1])], int(s.point[k])
     law = oscillator._stops[int(run.element[point])].restitution
-    law_of_speed = isinstance(law, ImpactLaw)
-    if oscillator._motion is not None or not (law_of_speed or guard.scrapes):
-        return int(run.log.speed[point] == 0.0 if law_of_speed else law == 0.0)
-    mode = automaton.modes[guard.mode]
-    lasts = s.begin[[k + 1]] - s.begin[k]
-    y = mode.after(s.of(mode, [k]), np.zeros(1, dtype=np.intp), lasts)[0]
-    rate = along(guard.sum, 2) @ y.ravel()
-    r, slope = rebound(law, np.array([rate]))
-    taken = int(np.ravel(slope)[0] == 0.0)
-    for part in guard.scrapes:
-        slip = along(part.slip, 0) @ y.ravel() + part.slip.offset
-        taken += int(abs(slip) <= abs((1.0 + np.ravel(r)[0]) * part.ratio * rate))
-    return taken
+    mode, bent = automaton.modes[guard.mode], oscillator._motion is not None
+    varies = bent and automaton.parts.most_rubs > 0 and not mode.constant_kicks
+    if not (isinstance(law, ImpactLaw) or guard.scrapes or varies):
+        return int(law == 0.0)
+    lasts, first = s.begin[[k + 1]] - s.begin[k], np.zeros(1, dtype=np.intp)
+    y = mode.after(s.states[[k]] if bent else s.of(mode, [k]), first, lasts)[0]
+    rate, slips = _rates(automaton, guard, y) if bent else _sums(guard, y)
+    r, slope = (float(np.ravel(each)[0]) for each in rebound(law, np.array([rate])))
+    stopped = [abs(slip) <= abs((1.0 + r) * ratio * rate) for ratio, slip in slips]
+    return int(slope == 0.0) + sum(stopped)
+
+
+def _sums(guard: Guard, y: Array) -> _Rates:
+    """Rate of a gap, and ratio and slip of each friction at its impact, as exponential sums."""
+    slips = [
+        (part.ratio, along(part.slip, 0) @ y.ravel() + part.slip.offset) for part in guard.scrapes
+    ]
+    return float(along(guard.sum, 2) @ y.ravel()), slips
+
+
+def _rates(automaton: Any, guard: Guard, y: Array) -> _Rates:
+    """The same where the energies are not quadratic."""
+    mode, (sine, cosine) = automaton.modes[guard.mode], y[:, -1].tolist()
+    x, v = mode.motion(y)
+    rubs = automaton.scrapes(guard, x, float(np.arctan2(sine, cosine)))
+    rate, *slips = (
+        float(mode.gap(k, x, v, sine, cosine)[1]) for k in (guard.element, *(k for k, _ in rubs))
+    )
+    return rate, [(ratio, slip) for (_, ratio), slip in zip(rubs, slips, strict=True)]
