@@ -229,7 +229,8 @@ def test_orbits_of_stiff_soft_stops_tend_to_those_of_the_hard_stop(
     stiffness, off = 10.0 ** np.arange(6, 13, 2), []
     for k in stiffness:
         soft = SoftStop(last, stiffness=k, damping=2.0 * zeta * sqrt(k), name="stop")
-        orbit = chain.replace(elements=[soft]).attractor(transient=300).periodic_orbit()
+        machine = chain.replace(elements=[soft])
+        orbit = machine.periodic_orbit(start=machine.simulate(impacts=300).final)
         assert orbit.counts == {"stop.presses": impacts}
         expected = hard.multipliers[: len(orbit.multipliers)]
         off.append(abs(orbit.multipliers - expected).max())

@@ -635,7 +635,7 @@ def test_a_rotor_that_rubs_all_around_its_ring_turns_as_in_closed_form() -> None
 def test_a_branch_of_full_rub_folds_and_loses_contact_as_in_closed_form() -> None:
     orbit, found = rubbing(1.3), []
     for bounds, kind in (((1.2, 1.7), BifurcationKind.SN), ((0.4, 1.31), BifurcationKind.CB)):
-        given: Any = {"step": 0.05, "largest_step": 0.2, "points": 12}
+        given: Any = {"step": 0.05, "largest_step": 0.2, "points": 24}
         branch = continue_orbit(orbit, "frequency", bounds=bounds, **given)
         found.append(next(b for b in branch.bifurcations if b.kind is kind))
     fold, lost = found
