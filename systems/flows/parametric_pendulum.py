@@ -12,7 +12,7 @@ class ParametricPendulum(SymbolicFlow):
     """A pendulum driven at its pivot, which is at the height amplitude cos(phase).
 
     x'' + damping x' + (1 - amplitude frequency^2 cos(phase)) sin x = 0. Lengths are in units of the
-    pendulum's length, times in those of its small oscillations, divided by 2 pi. The state holds
+    pendulum's length, times in those of its small free oscillations over 2 pi. The state holds
     the angle x, zero where the pendulum hangs, its rate v, and the phase, phase' = frequency. The
     map from one period of the pivot to the next is
     ``PoincareMap(pendulum, Stroboscope(3), time_limit)``, with a time limit above the period.

@@ -22,13 +22,13 @@ from dynkit.systems import (
     ImpactChain,
     ImpactOscillator,
     Jenkins,
-    MatrixOscillator,
     SingleImpactOscillator,
     TodaChain,
 )
 from dynkit.systems.impact.elements.element import Element
 from tests.impact.disguised import disguised
 from tests.impact.one_mass import periodic_orbits
+from tests.impact.test_coulomb import SLIDING
 
 
 @cache
@@ -264,17 +264,6 @@ class Uneven(ImpactOscillator):
         return (v[0] ** 2 + v[1] ** 2) / 20
 
 
-SLIDING = MatrixOscillator(
-    M=np.eye(2),
-    C=0.1 * np.eye(2),
-    K=[[1.0, -0.2], [-0.2, 0.5]],
-    frequency=1.1,
-    constant_forces=[0.0, -0.4],
-    elements=[
-        HardStop(1, amplitude=1.2, restitution=0.6, name="table"),
-        DryFriction(0, coefficient=0.3, normal="table", velocity=0.2),
-    ],
-)
 HOLDING = {
     "a slider": (pair(Jenkins(0, stiffness=2.0, force=0.1)), 1),
     "two sliders": (

@@ -485,32 +485,35 @@ def test_derivatives_through_contact_are_differences() -> None:
     assert checked >= 10
 
 
+SLIDING = MatrixOscillator(
+    M=np.eye(2),
+    C=0.1 * np.eye(2),
+    K=[[1.0, -0.2], [-0.2, 0.5]],
+    frequency=1.1,
+    constant_forces=[0.0, -0.4],
+    elements=[
+        HardStop(1, amplitude=1.2, restitution=0.6, name="table"),
+        DryFriction(0, coefficient=0.3, normal="table", velocity=0.2, name="sole"),
+    ],
+)
+"""A mass that slides on a table which moves up and down, and hits it."""
+
+
 def test_what_is_measured_of_friction_at_a_contact() -> None:
-    slides = MatrixOscillator(
-        M=np.eye(2),
-        C=0.1 * np.eye(2),
-        K=[[1.0, -0.2], [-0.2, 0.5]],
-        frequency=1.1,
-        constant_forces=[0.0, -0.4],
-        elements=[
-            HardStop(1, amplitude=1.2, restitution=0.6, name="table"),
-            DryFriction(0, coefficient=0.3, normal="table", velocity=0.2, name="sole"),
-        ],
-    )
-    assert "sole.coefficient" in slides.parameters
-    attractor = slides.attractor()
+    assert "sole.coefficient" in SLIDING.parameters
+    attractor = SLIDING.attractor()
     label = attractor.label
     assert label.periods is not None
     assert str(label) == "P(2,1)"
     assert label.counts == {"table.impacts": 2, "table.contacts": 0, "sole.sticks": 0}
-    orbit = dynkit.periodic_orbit(slides, attractor.states[-1], period=label.iterates)
+    orbit = dynkit.periodic_orbit(SLIDING, attractor.states[-1], period=label.iterates)
     assert abs(orbit.multipliers).max() == pytest.approx(abs(label.multiplier), abs=1e-6)
     swept = dynkit.sweep(
-        slides, "sole.coefficient", [0.1, 0.3], transient=50, keep=5, progress=False
+        SLIDING, "sole.coefficient", [0.1, 0.3], transient=50, keep=5, progress=False
     )
     assert swept.counts.tolist() == [5, 5]
-    whole = slides.simulate(impacts=30)
-    rest = slides.simulate(impacts=18, start=slides.simulate(impacts=12).final)
+    whole = SLIDING.simulate(impacts=30)
+    rest = SLIDING.simulate(impacts=18, start=SLIDING.simulate(impacts=12).final)
     assert abs(rest.states - whole.states[12:]).max() < 1e-11
 
 
