@@ -54,6 +54,8 @@ class Acceptance:
         if not found:
             return after, True
         if _BRANCH_POINT in found:
+            if length > _JUMP and any(each.event >= 0 for each in found):
+                return after, False  # shorter steps tell them apart at less cost than solving
             # without a branch point between them the points are on different branches
             located = solved(self.problem, before, after, _BRANCH_POINT)
             if located is None and length > _JUMP:

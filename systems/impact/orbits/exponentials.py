@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -73,6 +74,11 @@ def exponentials(matrices: Any) -> Any:
     M. S. Paterson, L. J. Stockmeyer, On the number of nonscalar multiplications necessary to
     evaluate polynomials, SIAM Journal on Computing 2 (1973) 60-66.
     """
+    return _doubled(matrices, 1.0)
+
+
+def _doubled(matrices: Any, one: float) -> Any:
+    """exp(A) with `one` 1, exp(A) - 1 with 0."""
     norms = abs(matrices).sum(axis=1).max(axis=1)
     if not (norms < _LONGEST).all():
         raise NoSolution("the time between two events is too long for the fastest mode")
@@ -82,14 +88,16 @@ def exponentials(matrices: Any) -> Any:
     for _ in range(_BLOCK - 1):
         powers.append(powers[-1] @ scaled)
     *lower, block = powers
-    *sums, out = np.tensordot(_WEIGHTS, np.array(lower), axes=1)
+    weights = _WEIGHTS.copy()
+    weights[0, 0] = one
+    *sums, out = np.tensordot(weights, np.array(lower), axes=1)
     out += block / math.factorial(_WEIGHTS.size)
     for part in reversed(sums):
         out = out @ block + part
     with np.errstate(over="ignore", invalid="ignore"):
         for k in range(int(halvings.max(initial=0))):
             some = halvings > k
-            out[some] = out[some] @ out[some]
+            out[some] = out[some] @ out[some] + (2.0 - 2.0 * one) * out[some]
     return out
 
 
@@ -112,5 +120,14 @@ def run_through(flow: Array, start: Array, times: Array, measures: Array) -> Arr
 
 def moved(flows: Any, lasts: Any, measures: Array) -> Any:
     """exp(A t), (n, D, D), in units in which states are of order one."""
+    return _measured(exponentials, flows, lasts, measures)
+
+
+def changed(flows: Any, lasts: Any, measures: Array) -> Any:
+    """exp(A t) - 1, (n, D, D), as `moved`; of short times to as many digits."""
+    return _measured(partial(_doubled, one=0.0), flows, lasts, measures)
+
+
+def _measured(function: Any, flows: Any, lasts: Any, measures: Array) -> Any:
     scaled = flows * measures / measures[:, None] * np.asarray(lasts)[:, None, None]
-    return np.asarray(exponentials(scaled)) * measures[:, None] / measures
+    return np.asarray(function(scaled)) * measures[:, None] / measures

@@ -247,6 +247,8 @@ class Machine:
         parts = oscillator._parts
         self.sliders, self.normal, self._led = parts.sliders, parts.normal, parts.led
         beside = np.zeros((self.size, len(self.sliders)))
+        rows = [element.row(self.size) for element in self.elements]
+        self._along = np.array(rows).reshape(-1, self.size)
         self._given: Any = np.hstack([-self.stiffness, -self.damping, beside, forces.T])
         sizes = [[_OF_REGIME + _OF_GUARD * len(r.guards) for r in e.regimes] for e in self.elements]
         self._begins = [np.cumsum([5, *own]).tolist() for own in sizes]
@@ -321,7 +323,7 @@ class Machine:
     def gap(self, element: int) -> Any:
         """Row of the gap."""
         row = -self._place(element)
-        row[: self.size] = self.elements[element].row(self.size)
+        row[: self.size] = self._along[element]
         return self.elements[element].sign * row
 
     @kept
@@ -329,7 +331,7 @@ class Machine:
         """Row of the rate of the gap, or of slip."""
         n, place = self.size, self._place(element)
         row = np.zeros_like(place)
-        row[n : 2 * n] = self.elements[element].row(n)
+        row[n : 2 * n] = self._along[element]
         row[-3], row[-2] = self.frequency * place[-2], -self.frequency * place[-3]
         row[-1] = -self._own[element][3]
         return self.elements[element].sign * row
@@ -337,7 +339,7 @@ class Machine:
     def stretch(self, element: int) -> Any:
         """Row of the stretch of the spring to a slider."""
         row = np.zeros_like(self._given[0])
-        row[: self.size] = self.elements[element].row(self.size)
+        row[: self.size] = self._along[element]
         row[self.size + self.sliders[element]] = -1.0
         return self.elements[element].sign * row
 
@@ -383,7 +385,7 @@ class Machine:
     @kept
     def _pushed(self, mode: Regimes, element: int) -> tuple[Any, Any]:
         """(D,) change by a unit impulse, what holds held, and that of the rate of the gap."""
-        n, rows, own = self.size, self._rows(mode.held), self.elements[element].row(self.size)
+        n, rows, own = self.size, self._rows(mode.held), self._along[element]
         response = np.linalg.solve(self.mass, np.vstack([own, rows]).T)
         out = response[:, 0]
         if mode.held:
@@ -414,7 +416,7 @@ class Machine:
     @kept
     def shift(self, element: int) -> Any:
         """(D,) change of positions that opens the gap by one."""
-        row, out = self.elements[element].row(self.size), np.zeros_like(self._given[0].real)
+        row, out = self._along[element], np.zeros_like(self._given[0].real)
         out[: self.size] = self.elements[element].sign * row / (row @ row)
         return out
 
@@ -461,7 +463,7 @@ class Machine:
                 along = self.stretch(k) if k in self.sliders else self.gap(k)
                 force: Any = -stiffness * along - damping * self.rate(k)
                 force[-1] += push
-                given += element.sign * np.outer(element.row(n), force)
+                given += element.sign * np.outer(self._along[k], force)
         return given
 
     def dashpots(self, mode: Regimes) -> list[float]:
@@ -500,7 +502,7 @@ class Machine:
         out[n : 2 * n] = accelerations
         for k, place in self.sliders.items():
             # it stays on its surface, or moves as what it follows
-            out[n + place, n : 2 * n] = self.elements[k].row(n)
+            out[n + place, n : 2 * n] = self._along[k]
             if self.elements[k].regimes[mode.numbers[k]].anchored:
                 out[n + place] -= self.elements[k].sign * self.rate(k)
         out[-3, -2], out[-2, -3] = w, -w
@@ -515,8 +517,7 @@ class Machine:
 
     def _pushes(self, mode: Regimes) -> Any:
         """(N, h) what unit forces along what is held do, with the friction that they cause."""
-        rows = np.array([element.row(self.size) for element in self.elements])
-        return pushes(rows[list(mode.held)], self.slips(mode, rows))
+        return pushes(self._rows(mode.held), self.slips(mode, self._along))
 
     def slips(self, mode: Regimes, rows: Array) -> list[tuple[int, Array, Any]]:
         """Friction that slips at contacts: see `pushes`; by rows (elements, N)."""
@@ -529,8 +530,7 @@ class Machine:
         return found
 
     def _rows(self, held: tuple[int, ...]) -> Array:
-        rows = [self.elements[k].row(self.size) for k in held]
-        return np.array(rows).reshape(len(held), self.size)
+        return self._along[list(held)]
 
     def _place(self, element: int) -> Any:
         """Row of the place of a stop."""

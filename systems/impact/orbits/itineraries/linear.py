@@ -8,8 +8,9 @@ from typing import Any, final
 import numpy as np
 
 from dynkit.core.differences import STEP
+from dynkit.core.kept import kept
 from dynkit.core.validation import Array
-from dynkit.systems.impact.orbits.exponentials import exponentials, moved, run_through
+from dynkit.systems.impact.orbits.exponentials import changed, exponentials, moved, run_through
 from dynkit.systems.impact.orbits.flights import Curve
 from dynkit.systems.impact.orbits.itineraries.flying import LinearFlights
 from dynkit.systems.impact.orbits.itineraries.shooting import ShootingSolution
@@ -39,6 +40,7 @@ class LinearSolution(ShootingSolution):
             return super()._flight(i, z, lasts)
         return self._ahead[i] @ z, self._ahead[i]
 
+    @kept
     def flights(self, mode: Regimes) -> LinearFlights:
         return LinearFlights(self.machine, mode, self.measures)
 
@@ -50,16 +52,20 @@ class LinearSolution(ShootingSolution):
     def _curve(self, i: int, element: int, guard: int) -> Curve:
         mode = self.following[i].mode
         row, flow = self.machine.watched(mode, element, guard), self.flows[i]
-        start, m, lasts = self.begun(i), self.measures, float(self.durations[i]) - self._late(i)
-        rows = [row, row @ flow, row @ flow @ flow]
+        lasts, rate = float(self.durations[i]) - self._late(i), row @ flow
+        rows = np.stack([row, rate, rate @ flow])
 
         def values(times: Array, orders: int) -> Array:
-            states = run_through(flow, start, times, m)
-            return np.array([r @ states.T for r in rows[:orders]])
+            return np.asarray(rows[:orders] @ self._through(i, times).T)
 
-        ends = np.maximum(abs(start), abs(self.reached[i]))
+        ends = np.maximum(abs(self.begun(i)), abs(self.reached[i]))
         sizes = float(abs(rows[0]) @ ends), float(abs(rows[2]) @ ends)
         return Curve(values, lasts, sizes)
+
+    @kept
+    def _through(self, i: int, times: Array) -> Array:
+        """States (k, D) at times (k,) after event `i`, or its chatter; of all that is watched."""
+        return run_through(self.flows[i], self.begun(i), times, self.measures)
 
     # --- divided differences ----------------------------------------------------------------------
 
@@ -79,16 +85,21 @@ class LinearSolution(ShootingSolution):
         level = float(abs(self._rows(j, i, q)[q]) @ sizes)
         return _ROUNDING * (4.0 + float(self.norms[j])) * level
 
+    @cached_property
+    def _risen(self) -> tuple[Any, Any]:
+        """exp(A t) - 1, (n, D, D), of all flights, and what it makes of the states after events."""
+        found = changed(self.flows, self.durations, self.measures)
+        return found, (found @ self.after[:, :, None])[..., 0]
+
     def rise(self, j: int, i: int) -> Any:
         if j in self.chatters:
             return self.guards[i] @ (self.reached[j] - self.after[j])
-        rows = self._rows(j, i, 1)
-        return self.durations[j] * (rows[1] @ (self.flows[j] @ self.after[j]))
+        return self.guards[i] @ self._risen[1][j]
 
     def rise_change(self, j: int, i: int) -> Any:
         if j in self.chatters:
             return self.guards[i] @ self.transitions[j] - self.guards[i]
-        return self.durations[j] * (self._rows(j, i, 1)[1] @ self.flows[j])
+        return self.guards[i] @ self._risen[0][j]
 
     def _rows(self, j: int, i: int, most: int) -> list[Any]:
         """Rows h, h phi_1(A t), ... up to that number, A t of the time after event `j`.
