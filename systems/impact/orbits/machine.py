@@ -456,7 +456,7 @@ class Machine:
 
     def _forced(self, mode: Regimes) -> Any:
         """Forces (N, D) in a mode, but for those of what is held."""
-        n, given = self.size, self._given.copy()
+        given = self._given.copy()
         for k, element in enumerate(self.elements):
             push, stiffness, damping, _ = self._regime(mode.numbers[k], k)[:_OF_REGIME]
             if push or stiffness or damping:

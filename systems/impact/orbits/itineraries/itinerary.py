@@ -6,7 +6,7 @@ import math
 from bisect import bisect_right
 from collections.abc import Callable, Sequence
 from dataclasses import replace
-from functools import cache
+from functools import cache, cached_property
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
@@ -76,7 +76,7 @@ class Course:
         self.signs = np.array([1.0 - 2.0 * event.element for event in itinerary])
         self.sticks = any(event.chatters for event in itinerary)
 
-    @property
+    @cached_property
     def releases(self) -> tuple[int, ...]:
         """Numbers of the events that end contact with a stop."""
         return tuple(releases_in(self.itinerary, self.following))
