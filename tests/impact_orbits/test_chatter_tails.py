@@ -7,7 +7,7 @@ import pytest
 from scipy.linalg import expm
 
 from dynkit.core.differences import STEP
-from dynkit.systems.impact.orbits.exponentials import carried, lifted
+from dynkit.systems.impact.orbits.exponentials import carried, changed, lifted
 from dynkit.systems.impact.orbits.itineraries.chatter_kernels import carry
 
 
@@ -40,3 +40,12 @@ def test_changes_of_a_flow_are_those_of_its_exponential() -> None:
         exact = expm(both * t)
         assert own == pytest.approx(exact[6:, :6] @ z, rel=1e-12, abs=1e-13 * t)
         assert less_one == pytest.approx(exact[:6, :6] - np.eye(6), rel=1e-12, abs=1e-14)
+
+
+def test_changes_of_flights_keep_their_digits_however_short_they_are() -> None:
+    w, times = 3.0, np.array([1e-12, 1e-5, 0.3, 40.0])
+    flow = np.array([[0.0, 1.0], [-w * w, 0.0]])
+    found = changed(np.stack([flow] * len(times)), times, np.array([1.0, w]))
+    for t, own in zip(times, found, strict=True):
+        less, s = -2.0 * np.sin(0.5 * w * t) ** 2, np.sin(w * t)
+        assert own == pytest.approx(np.array([[less, s / w], [-w * s, less]]), rel=1e-13)
