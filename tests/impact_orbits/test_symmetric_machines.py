@@ -320,3 +320,26 @@ def test_searches_find_orbits_whose_hard_stops_are_hit_at_once() -> None:
     found = [orbit for orbit in system.find_orbits(impacts=4, periods=1) if orbit.admissible]
     own = orbit_of(system)
     assert [abs(orbit.phases - own.phases[0]).min() < 1e-9 for orbit in found] == [True]
+
+
+def test_a_branch_of_a_pair_takes_as_long_steps_as_that_of_one_mass() -> None:
+    # no time passes between events at once: what is seen there is rounding, and parts no steps
+    stops = [
+        kind
+        for mass in (0, 1)
+        for kind in (
+            HardStop(mass, offset=-0.3, restitution=0.6),
+            SoftStop(mass, offset=0.3, side="below", stiffness=20.0, damping=0.3),
+        )
+    ]
+    one, two = (
+        continue_orbit(orbit_of(system.replace(frequency=0.7)), "frequency", bounds=(0.6, 0.9))
+        for system in (
+            single("soft stops").replace(elements=stops[:2]),
+            pair("soft stops", elements=stops),
+        )
+    )
+    assert len(two) < 2 * len(one)
+    found = [border.value for border in one.bifurcations]
+    again = sorted({round(border.value, 9) for border in two.bifurcations})
+    assert again == pytest.approx(sorted(found), abs=1e-9)

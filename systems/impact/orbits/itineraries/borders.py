@@ -391,8 +391,8 @@ class TouchingGuard(Touching):
         if any(solution.impulses[solution.impulse_of[i]] < 0.0 for i in ends):
             return math.nan
         curve = self.curve(solution)[0]
-        if curve.lasts <= 0.0:
-            return math.nan
+        if curve.lasts <= AT_ONCE * solution.period:
+            return math.nan  # between events at once what is seen is rounding
         if not solution.blind:
             # without rebound a flight may begin into the stop
             return (
