@@ -19,7 +19,7 @@ HASWELL := NUMBA_CPU_NAME=haswell NUMBA_CPU_FEATURES= OPENBLAS_CORETYPE=Haswell 
 # processes, references in numbers of many digits. Only the numbers that notebooks and pages print may:
 # test-processors runs these too.
 SAME_EVERYWHERE := $(addprefix --ignore=,tutorials $(addprefix tests/,cli data plotting project scaling tutorials viewer) \
-	$(addprefix tests/reference/test_,extremes.py first_root.py general_invariants.py general_oscillator.py \
+	$(addprefix tests/,analysis/test_measures.py core/test_progress.py) $(addprefix tests/reference/test_,extremes.py first_root.py general_invariants.py general_oscillator.py \
 	impact_chain.py peers.py) $(addprefix tests/sweeps/test_,bad_input.py kills.py progress.py refused_stores.py \
 	resuming.py) $(addprefix tests/continuation/test_,drawing.py network_drawing.py) \
 	$(addprefix tests/impact/test_,animation.py sketch.py) $(addprefix tests/benchmarks/test_,page.py programs.py))

@@ -5,7 +5,8 @@ from __future__ import annotations
 import os
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
-from typing import Final, TypeVar
+from functools import cache, lru_cache
+from typing import Any, Final, TypeVar
 from unittest.mock import patch
 
 from hypothesis import HealthCheck, settings
@@ -64,17 +65,22 @@ def quick_code() -> None:
         CODE["opt_level"] = 0
 
 
+@cache
+def _kept_apart(owner: Any, *names: str) -> dict[str, Any]:
+    """Functions of a module with caches of their own, which stay to the end."""
+    return {name: lru_cache(None)(getattr(owner, name).__wrapped__) for name in names}
+
+
 @contextmanager
 def optimised_code() -> Iterator[None]:
     """Compile Taylor's method as for users, where oscillators are made anew."""
-    charts = taylor_chart._integrator, taylor_chart._variations, taylor_chart._gradients
-    kept = *charts, flows._taylor_of
-    with patch.dict(CODE, {"opt_level": 3}):
-        for each in kept:
-            each.cache_clear()
+    charts = _kept_apart(taylor_chart, "_integrator", "_variations", "_gradients")
+    with (
+        patch.dict(CODE, {"opt_level": 3}),
+        patch.multiple(taylor_chart, **charts),
+        patch.multiple(flows, **_kept_apart(flows, "_taylor_of")),
+    ):
         yield
-    for each in kept:
-        each.cache_clear()
 
 
 @contextmanager

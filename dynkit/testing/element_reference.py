@@ -36,7 +36,8 @@ class SlowMotion:
         self.harmonic = np.array(machine.harmonic_forces or [0j] * self.n)
         self.constant = np.array(machine.constant_forces or [0.0] * self.n)
         self.row = self.element.sign * self.element.row(self.n)
-        self._response = np.linalg.solve(self.mass, self.row)
+        self._inverse = np.linalg.inv(self.mass)
+        self._response = self._inverse @ self.row
         self._kick = self._response / (self.row @ self._response)
         self._turn = 0.0
         self.times, self.positions = np.empty(0), np.empty((0, self.n))
@@ -104,7 +105,7 @@ class SlowMotion:
         if doing.holds or doing.sticks:
             sine, cosine = self._phase(t)
             own = -(self.w**2) * self.element.sign * self.element.swing(sine, cosine)
-            free = float(self.row @ np.linalg.solve(self.mass, self._others(t, y)))
+            free = float(self._response @ self._others(t, y))
             return float((own - free) / (self.row @ self._response))
         gap, rate = self._seen(t, y)
         return float(doing.push - doing.stiffness * gap - doing.damping * rate)
@@ -125,7 +126,7 @@ class SlowMotion:
     def _rate(self, regime: int) -> Any:
         def rate(t: float, y: Array) -> Array:
             own = self._force(t, y, regime) * self._response
-            others = np.linalg.solve(self.mass, self._others(t, y))
+            others = self._inverse @ self._others(t, y)
             return np.concatenate([y[self.n :], others + own])
 
         return rate

@@ -59,6 +59,7 @@ class Equations:
     energy : expression, kinetic plus potential energy
     loss : expression, the power that the dissipation takes
     source : expression, rate of the energy as the energies depend on the phase
+    text : the energies, with symbols for numbers
     """
 
     x: tuple[sympy.Symbol, ...]
@@ -71,6 +72,7 @@ class Equations:
     energy: sympy.Expr
     loss: sympy.Expr
     source: sympy.Expr
+    text: str
 
     @property
     def size(self) -> int:
@@ -127,12 +129,15 @@ class Motion:
     equations : Equations
     numbers : (p,) float
         Complex, where they have imaginary changes.
-    text : str
-        The energies, for stores.
     """
 
-    def __init__(self, equations: Equations, numbers: Array, text: str) -> None:
-        self.equations, self.numbers, self.text = equations, numbers, text
+    def __init__(self, equations: Equations, numbers: Array) -> None:
+        self.equations, self.numbers = equations, numbers
+
+    @property
+    def text(self) -> str:
+        """The energies, for stores."""
+        return f"{self.equations.text}, {self.numbers.tolist()}"
 
     def inertia(self, rate: float, x: Array, v: Array, phase: float) -> tuple[Array, Array]:
         """M, (N, N), and f, (N,), at positions and velocities (N,)."""
@@ -256,8 +261,7 @@ def motion_of(structure: LagrangianStructure, size: int) -> Motion:
     numbers: dict[Any, Any] = {}
     forms = tuple(form_of(each, numbers) for each in found)
     equations = _equations(size, forms, tuple(numbers.values()))
-    values = [float(value) for value in numbers]
-    return Motion(equations, np.array(values), f"{forms}, {values}")
+    return Motion(equations, np.array([float(value) for value in numbers]))
 
 
 @lru_cache(_MOST_KEPT)
@@ -288,7 +292,8 @@ def _equations(
     # H = v dT/dv - T + V changes by the forces and by its own dependence on the phase.
     source = rate * (potential - kinetic).diff(phase)
     energy = Add(*(p * u for p, u in zip(momentum, v, strict=True)), -kinetic, potential)
-    return Equations(x, v, phase, rate, numbers, mass, tuple(forces), energy, loss, source)
+    rest = energy, loss, source, str(forms)
+    return Equations(x, v, phase, rate, numbers, mass, tuple(forces), *rest)
 
 
 def gradient(expression: sympy.Expr, by: Sequence[sympy.Symbol]) -> list[sympy.Expr]:

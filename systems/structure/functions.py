@@ -43,6 +43,11 @@ class Form:
         return compiled("the coordinate of an element", self.values, self.x, self.numbers)
 
     @cached_property
+    def text(self) -> str:
+        """The expression, with symbols for numbers."""
+        return str(self.values[0])
+
+    @cached_property
     def changes(self) -> Any:
         """Code that fills (1 + N, p) with derivatives of y and its gradient by the numbers."""
         from dynkit.systems.symbolic.machine_code import compiled
@@ -61,12 +66,15 @@ class CoordinateFunction:
     form : Form
     numbers : (p,) float
         Complex, where they have imaginary changes; so may positions be then, but not for `bend`.
-    text : str
-        The expression, for stores.
     """
 
-    def __init__(self, form: Form, numbers: Array, text: str) -> None:
-        self.form, self.numbers, self.text = form, numbers, text
+    def __init__(self, form: Form, numbers: Array) -> None:
+        self.form, self.numbers = form, numbers
+
+    @property
+    def text(self) -> str:
+        """The expression, for stores."""
+        return f"{self.form.text}, {self.numbers.tolist()}"
 
     def __call__(self, x: Array) -> Any:
         """Values (...) at positions (..., N)."""
@@ -96,7 +104,7 @@ class CoordinateFunction:
         """The value and its gradient, (1 + N,), at one position (N,), with imaginary changes."""
         from dynkit.systems.symbolic import kernels
 
-        n, still = len(x), CoordinateFunction(self.form, self.numbers.real.copy(), self.text)
+        n, still = len(x), CoordinateFunction(self.form, self.numbers.real.copy())
         found = still._filled(x.real)
         by_x = np.concatenate([found[1 : 1 + n], found[1 + n :]]).reshape(1 + n, n)
         by_numbers = np.empty((1 + n, len(self.numbers)))
@@ -121,9 +129,8 @@ def function_of(owner: object, name: str, size: int) -> CoordinateFunction:
         raise ValueError(f"{name} must depend on the coordinates; got {expression}")
     numbers: dict[Any, Any] = {}
     form = form_of(expression, numbers)
-    values = [float(value) for value in numbers]
     made = _derived(size, form, tuple(numbers.values()))
-    return CoordinateFunction(made, np.array(values), f"{form}, {values}")
+    return CoordinateFunction(made, np.array([float(value) for value in numbers]))
 
 
 @lru_cache(_MOST_KEPT)

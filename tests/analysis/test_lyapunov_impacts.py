@@ -313,9 +313,9 @@ HOLDING = {
 def test_what_holds_takes_directions_and_the_others_are_logarithms_of_multipliers(
     system: ImpactOscillator, taken: int
 ) -> None:
-    attractor = system.attractor(transient=1500)
+    attractor = system.attractor(transient=400)
     orbit = attractor.periodic_orbit()
-    spectrum = LyapunovSpectrum(attractor, 2000)
+    spectrum = LyapunovSpectrum(attractor, 400)
     left = system.dimension - taken
     assert np.isneginf(spectrum.exponents).tolist() == left * [False] + taken * [True]
     multipliers = np.sort(abs(orbit.multipliers))[::-1]

@@ -8,6 +8,8 @@ import pytest
 from dynkit import basins, continue_orbit, find_orbits, periodic_orbit
 from dynkit.core import progress
 from dynkit.systems import Henon, ImpactChain, SingleImpactOscillator, SoftStop
+from dynkit.systems.impact.orbits import searching
+from dynkit.systems.impact.orbits.itineraries.motions import Effort
 
 
 class Terminal(io.StringIO):
@@ -25,6 +27,7 @@ def test_branches_and_searches_show_how_far_they_are(
     monkeypatch.setattr(progress, "_QUIET", quiet)
     monkeypatch.setattr(sys, "stderr", stderr)
     monkeypatch.setattr(progress, "_OFTEN", 0.0)
+    monkeypatch.setattr(searching, "FEW", Effort(parts=1, impacts=20, starts=2))
     orbit = periodic_orbit(Henon(a=0.2), [0.8, 0.2])
     continue_orbit(orbit, "a", bounds=(0.1, 0.3))
     find_orbits(Henon(), 1, [(-2.0, 2.0), (-1.0, 1.0)], calls=300)

@@ -293,10 +293,10 @@ def twins(force: float, rows: tuple[int, int]) -> Any:
 @pytest.mark.parametrize("rows", [(0, 1), (0, 0)])
 def test_branches_on_both_sides_of_equal_sliders_are_motions(rows: tuple[int, int]) -> None:
     orbit = orbit_of(twins(0.3, rows))
-    branch = continue_orbit(orbit, "other.force", bounds=(0.29, 0.31))
+    branch = continue_orbit(orbit, "other.force", bounds=(0.298, 0.302))
     found = branch.bifurcations[0]
     (other,) = found.switch()
-    below = continue_orbit(other, "other.force", bounds=(0.29, 0.31))
+    below = continue_orbit(other, "other.force", bounds=(0.298, 0.302))
     # on the border itself rounding decides
     for part, sign in ((branch, 1.0), (below, -1.0)):
         assert part.bifurcations

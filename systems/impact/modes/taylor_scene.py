@@ -95,11 +95,11 @@ class Scene:
     def changed(self, numbers: Array) -> Scene:
         """With imaginary changes of the numbers: of the energies, then of the functions."""
         count, own, curves = len(self.motion.numbers), self.motion, {}
-        motion = type(own)(own.equations, own.numbers + 1j * numbers[:count], own.text)
+        motion = type(own)(own.equations, own.numbers + 1j * numbers[:count])
         for k, function in self.curves.items():
             end = count + len(function.numbers)
             moved = function.numbers + 1j * numbers[count:end]
-            curves[k], count = type(function)(function.form, moved, function.text), end
+            curves[k], count = type(function)(function.form, moved), end
         return Scene(motion, self.excitation, self.elements, curves, self.normal)
 
     def bends(self, x: Array, v: Array) -> Array:
