@@ -153,7 +153,7 @@ class TaylorCourse(Position):
     def _fly(self) -> int | None:
         """Fly to the next guard; -1 where a period of the section ends; None where a run ends."""
         strobed = self._strobed
-        if self._several and (number := self._struck()) is not None:
+        if (self._several or not self._plain) and (number := self._struck()) is not None:
             return number
         longest = self._remaining if strobed else _PERIODS * self._period
         pace = _PACE if self._noise else math.inf
