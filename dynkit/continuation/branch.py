@@ -207,7 +207,7 @@ class Branch(Viewed, SolutionCurve):
         ValueError
             When there is no such observable, or the branch was loaded without an orbit.
         """
-        if name not in self._observables:
+        if str(name) not in self._observables:
             points = zip(self.unknowns, self.parameter[:, None], strict=True)
             values = np.array([self.problem.observed(x, p, name) for x, p in points])
             values.setflags(write=False)

@@ -432,7 +432,7 @@ class ImpactRecord(Result):
         >>> record.observable("floor.impulse")[:2].round(12)  # it hits at 1.5, leaves at 0.75
         array([4.5 , 2.25])
         """
-        if times is None and name in OF_IMPACTS and not self.system._strobed:
+        if times is None and str(name) in OF_IMPACTS and not self.system._strobed:
             return np.asarray(getattr(self, name))
         from dynkit.systems.impact.records.observables import along_at, along_impacts
 
