@@ -6,9 +6,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from dynkit import NoConvergence, periodic_orbit
+from dynkit import NoConvergence, NoDerivative, periodic_orbit
 from dynkit.analysis import LyapunovSpectrum
-from dynkit.core.no_motion import NoDerivative
 from dynkit.core.validation import Array
 from dynkit.systems import DryFriction, Element, HardStop, ImpactChain
 from dynkit.systems.impact.variational.map_derivative import derivatives
