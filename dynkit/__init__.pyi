@@ -16,6 +16,7 @@ from .core.no_motion import (
     CannotFollow as CannotFollow,
     Diverged as Diverged,
     NoCrossing as NoCrossing,
+    NoDerivative as NoDerivative,
     NoMotion as NoMotion,
     Refused as Refused,
     TangentCrossing as TangentCrossing,

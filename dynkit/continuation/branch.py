@@ -115,9 +115,34 @@ class Branch(Viewed, SolutionCurve):
     def error(self) -> Array:
         """To first order a bound on the distance from the exact curve, (k,), read-only.
 
-        The unit of the parameter is its range, those of the unknowns are their typical sizes.
+        The unit of the parameter is its range, those of the unknowns are their typical sizes. The
+        nearest exact orbit may be one at another value of the parameter: see `orbit_errors`.
         """
         return read_only(np.array([(moved / scale).max() for moved, scale in self._moved]))
+
+    @cached_property
+    def orbit_errors(self) -> Array:
+        """The `error` of the orbit of each point, at exactly its `parameter`, (k,), read-only.
+
+        It is in the units of the states, and larger than `error` where the branch is steep: without
+        limit near a fold, where another value of the parameter is nearest.
+
+        Raises
+        ------
+        ValueError
+            When the branch was loaded without an orbit.
+
+        Examples
+        --------
+        >>> from dynkit import continue_orbit, periodic_orbit
+        >>> from dynkit.systems import Henon
+        >>> orbit = periodic_orbit(Henon(a=0.1, b=0.3), [0.5, 0.1])
+        >>> branch = continue_orbit(orbit, "a", bounds=(-0.13, 0.2))
+        >>> nearest = abs(branch.parameter + 0.1225).argmin()
+        >>> bool(branch.orbit_errors[nearest] > 100 * branch.error[nearest])
+        True
+        """
+        return read_only(np.array([self.orbit(k).error for k in range(len(self))]))
 
     @cached_property
     def multipliers_error(self) -> Array:
@@ -182,7 +207,7 @@ class Branch(Viewed, SolutionCurve):
         ValueError
             When there is no such observable, or the branch was loaded without an orbit.
         """
-        if name not in self._observables:
+        if str(name) not in self._observables:
             points = zip(self.unknowns, self.parameter[:, None], strict=True)
             values = np.array([self.problem.observed(x, p, name) for x, p in points])
             values.setflags(write=False)

@@ -23,7 +23,7 @@ from dynkit.continuation.termination import Bound, Ending, Reason
 from dynkit.continuation.tracing import Trace, both_ways, joined
 from dynkit.core.cost import Cost
 from dynkit.core.reprs import Facts
-from dynkit.core.validation import Array, in_interval
+from dynkit.core.validation import Array, in_interval, regular_array
 from dynkit.data.dataset import Dataset
 from dynkit.orbits.equations import Problem
 from dynkit.orbits.events import is_admissible
@@ -236,7 +236,7 @@ def continue_curve(
     if len(asked) != 2 or asked[0] == asked[1]:
         raise ValueError(f"parameters must be two names; got {parameters!r}")
     names = (asked[0], asked[1])
-    if np.ndim(bounds) == 0 or len(bounds) != 2:
+    if regular_array("bounds", bounds).ndim == 0 or len(bounds) != 2:
         raise ValueError(f"bounds must be two pairs of numbers; got {bounds!r}")
     ranges = [checked_bounds(f"bounds[{i}]", bounds[i]) for i in range(2)]
     problem = problem_of(bifurcation.orbit, names)

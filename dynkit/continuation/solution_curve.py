@@ -27,7 +27,8 @@ if TYPE_CHECKING:
 
 ERROR = (
     "to first order a bound on the distance from the exact curve, "
-    "in ranges of parameters and typical sizes of unknowns"
+    "in ranges of parameters and typical sizes of unknowns; "
+    "at a given value of the parameter orbits may be farther from the exact one"
 )
 """Meaning of `error`."""
 

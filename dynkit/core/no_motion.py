@@ -32,7 +32,7 @@ class TangentCrossing(NoMotion):
 
 
 class NoDerivative(NoMotion):
-    """The map has no derivative at a state: the next state is a choice among several."""
+    """The map has no derivative at a state: it jumps or bends there."""
 
 
 class Diverged(NoMotion):

@@ -9,6 +9,7 @@ from typing import Any, ClassVar, Self, cast, final, get_origin
 import numpy as np
 
 from dynkit.core.reprs import Shown
+from dynkit.core.validation import one_of
 
 _NUMBERS = (int, float, np.integer, np.floating)
 
@@ -64,10 +65,7 @@ class Family(Shown):
             When there is no parameter of this name.
         """
         values = self.parameters
-        if name not in values:
-            known = ", ".join(values) or "none"
-            raise ValueError(f"parameter must be one of: {known}; got {name!r}")
-        return values[name]
+        return values[one_of("parameter", name, values)]
 
     def replace(self, **parameters: float) -> Self:
         """Return the same object with some of its parameters changed.

@@ -207,8 +207,8 @@ def one_of(name: str, value: Any, known: Iterable[str]) -> str:
     ValueError: norm must be one of: maximum, euclidean; got 'largest'
     """
     names = tuple(known)
-    if value not in names:
-        raise _refusal(name, f"be one of: {', '.join(names)}", value)
+    if not isinstance(value, str) or value not in names:
+        raise _refusal(name, f"be one of: {', '.join(names) or 'none'}", value)
     return str(value)
 
 
@@ -389,12 +389,23 @@ def _is_fit(value: object, shape: tuple[int | None, ...]) -> TypeGuard[Array]:
     )
 
 
+def regular_array(name: str, value: object, numbers: str = "real") -> Any:
+    """Return the value as an array of any shape and type.
+
+    Raises
+    ------
+    ValueError
+        When its rows have different lengths.
+    """
+    try:
+        return np.asarray(value)
+    except ValueError:
+        raise _refusal(name, f"be an array of {numbers} numbers", value) from None
+
+
 def _real_array(name: str, value: object) -> Array:
     unmasked(name, value)
-    try:
-        array = np.asarray(value)
-    except ValueError:  # rows of different lengths
-        raise _refusal(name, "be an array of real numbers", value) from None
+    array = regular_array(name, value)
     if array.dtype.kind not in "iuf" and array.size:
         raise _refusal(name, "be an array of real numbers", value)
     return np.asarray(array, dtype=np.float64)

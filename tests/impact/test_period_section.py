@@ -4,10 +4,11 @@ from math import atan2, exp, pi, sqrt
 
 import numpy as np
 import pytest
+from scipy.linalg import expm
 
 import dynkit
 from dynkit.analysis import POD, LyapunovSpectrum
-from dynkit.systems import HardStop, ImpactChain, SoftStop
+from dynkit.systems import HardStop, ImpactChain, MatrixOscillator, SoftStop
 
 BILINEAR = ImpactChain(
     masses=1,
@@ -174,3 +175,25 @@ def test_a_table_of_its_states_has_a_row_for_each_period() -> None:
     assert table.time.to_numpy() == pytest.approx(2.0 * pi / 0.9 * np.arange(1, 6), rel=1e-14)
     assert np.array_equal(table["velocity[1]"], record.velocity[:, 1])
     assert not table.isna().any(axis=None)
+
+
+def test_a_soft_stop_out_of_reach_leaves_a_linear_structure() -> None:
+    stiffness, force = np.array([[2.0, -1.0], [-1.0, 2.0]]), [0.3, 0.1]
+    machine = MatrixOscillator(
+        M=np.eye(2),
+        C=0.1 * stiffness,
+        K=stiffness,
+        frequency=1.3,
+        harmonic_forces=force,
+        elements=[SoftStop(0, offset=-1e9, stiffness=1.0)],
+    )
+    rate = np.block([[np.zeros((2, 2)), np.eye(2)], [-stiffness, -0.1 * stiffness]])
+    flow = expm(rate * 2.0 * np.pi / 1.3)
+    orbit = machine.attractor().periodic_orbit()
+    turned = np.linalg.solve(stiffness * (1.0 + 0.13j) - 1.69 * np.eye(2), force)
+    expected = np.append(turned.imag, 1.3 * turned.real)
+    assert abs(orbit.states[0] - expected).max() <= orbit.error + 1e-15
+    assert machine.jacobian(orbit.states[0]) == pytest.approx(flow, abs=1e-14)
+    assert np.sort(abs(orbit.multipliers)) == pytest.approx(
+        np.sort(abs(np.linalg.eigvals(flow))), abs=1e-13
+    )

@@ -222,3 +222,21 @@ def test_an_exploration_of_a_soft_stop_links_its_branches() -> None:
     assert len(network.branches) == 2
     links = [network.branches[link.branch].bifurcations[link.bifurcation] for link in network.links]
     assert "GR" in [found.kind for found in links]
+
+
+def test_a_search_near_orbits_with_an_impact_and_without_one_finds_both() -> None:
+    stop = HardStop(0, offset=-0.421, side="below", restitution=0.831)
+    machine = MatrixOscillator(
+        M=[[1.0]],
+        C=[[0.0235913]],
+        K=[[1.0]],
+        harmonic_forces=[0.39838838],
+        frequency=3.76074688,
+        elements=[stop, SoftStop(0, offset=-100.0, stiffness=1.0)],
+    )
+    search = machine.find_orbits(impacts=1, periods=2)
+    alone = machine.replace(elements=[stop]).find_orbits(impacts=1, periods=2)
+    found = [orbit.states[0, 0] for orbit in search if orbit.admissible]
+    for orbit in alone:
+        if orbit.admissible:
+            assert abs(orbit.states[0, 0] - np.array(found)).min() < 1e-12

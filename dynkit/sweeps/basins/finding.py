@@ -6,13 +6,12 @@ import os
 from concurrent.futures import Executor
 from functools import partial
 
-import numpy as np
-
 from dynkit.core.smooth_map import checked_map
 from dynkit.core.validation import (
     finite_array,
     non_negative_integer,
     positive_integer,
+    regular_array,
     within_memory,
 )
 from dynkit.dynamics.map import Map
@@ -110,7 +109,7 @@ def basins(
     ['P(2,3)', 'P(2,3)']
     """
     size = checked_map(system, Map).start_size
-    given = np.asarray(starts)
+    given = regular_array("starts", starts)
     if given.ndim not in (2, 3) or not given.size:
         raise ValueError(
             f"starts must have shape (k, {size}) or (k1, k2, {size}), and hold one or "

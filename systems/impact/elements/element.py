@@ -19,6 +19,7 @@ from dynkit.core.validation import (
     index_in,
     non_negative,
     one_of,
+    regular_array,
 )
 
 IMPACT, SWITCH, JAM, HALT, JUMP, REST = range(6)
@@ -187,7 +188,7 @@ class Element(ABC):
         elif isinstance(given, tuple | list) and len(given) == 2 and all(map(_is_index, given)):
             self._set("coordinate", (int(given[0]), int(given[1])))
         elif not _is_index(given):
-            if np.ndim(given) == 0:
+            if not regular_array("coordinate", given).ndim:
                 raise ValueError(
                     "coordinate must be the number of a coordinate, a pair of numbers, N real "
                     f"numbers or a name; got {given!r}"

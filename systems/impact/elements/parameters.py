@@ -21,7 +21,10 @@ def checked_elements(given: Any, size: int) -> tuple[Element, ...]:
         raise ValueError(f"elements must be a sequence of elements; got {given!r}")
     elements = tuple(given)
     if not elements:
-        raise ValueError("elements must hold one element at least; got none")
+        raise ValueError(
+            "elements must hold one element at least; got none: a SoftStop out of reach leaves the "
+            "structure alone"
+        )
     for k, element in enumerate(elements):
         if not isinstance(element, Element):
             raise ValueError(f"elements[{k}] must be an element like HardStop; got {element!r}")

@@ -88,7 +88,7 @@ class Found:
             return
         mark = problem.canonical(x)
         marks = self._marks.setdefault((problem.parts, problem.periods), [])
-        if all(abs(mark - other).max() > APART for other in marks) and problem.proper(x):
+        if all(_apart(mark, other) > APART for other in marks) and problem.proper(x):
             marks.append(mark)
             self._solutions.append((problem, x, result.history))
 
@@ -96,7 +96,7 @@ class Found:
         """Whether unknowns, (m,), are so near those of an orbit, run through once or more."""
         mark, n, m = problem.canonical(x), problem.parts, problem.periods
         return any(
-            abs(mark - other).max() <= within
+            _apart(mark, other) <= within
             for k in range(1, math.gcd(n, m) + 1)
             if n % k == 0 and m % k == 0
             for other in self._marks.get((n // k, m // k), ())
@@ -107,6 +107,11 @@ class Found:
         cost = Cost(time.perf_counter() - began, {"orbits": len(self._solutions)})
         orbits = [ImpactOrbit(problem, x, history, cost) for problem, x, history in self._solutions]
         return sorted(orbits, key=_order)
+
+
+def _apart(mark: Array, other: Array) -> float:
+    """Largest difference of two orbits; infinite where they have not the same unknowns."""
+    return float(abs(mark - other).max()) if len(mark) == len(other) else math.inf
 
 
 def _order(orbit: ImpactOrbit) -> tuple[bool, float]:

@@ -18,6 +18,7 @@ from dynkit.systems.impact.orbits.itineraries.flying import number_of
 from dynkit.systems.impact.orbits.itineraries.itinerary import regimes_of
 from dynkit.systems.impact.orbits.machine import Changes, Machine, Regimes
 from dynkit.systems.impact.simulation.runs import trajectory_of
+from dynkit.systems.impact.variational.order import check_order
 from dynkit.systems.impact.variational.saltation import comes_by_itself
 
 if TYPE_CHECKING:
@@ -68,6 +69,7 @@ def map_derivative_by(oscillator: ImpactMap, state: ImpactState, change: Array) 
         raise NoCrossing(f"there is no next impact: {run.ending.value}")
     if run.ambiguous >= 0:
         raise NoDerivative("the outcome of the next impact is a choice of law")
+    check_order(oscillator, run)
     if not _followed(oscillator, run):
         return None
     m = Machine(system, change)

@@ -260,7 +260,7 @@ class ImpactAttractor(Attractor):
         end = self.label.period or PERIODS * turn
         record = self.record_until(end)
         if record.ending is not Ending.COUNT_REACHED:
-            end = min(end, shown_until(turn, record.time, record.ending))
+            end = min(end, shown_until(turn, record._run))
         impacts = np.empty(0) if self._system._strobed else record.time
         return series_of(self._system, record.sample, record.start.phase, end, impacts)
 

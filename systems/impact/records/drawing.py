@@ -28,10 +28,11 @@ _SAMPLES, _MOST, _LEAST, _AFTER = 100, 1000, 12, 2
 _NUMBERS = 2**20
 
 
-def shown_until(period: float, time: Array, ending: Ending) -> float:
+def shown_until(period: float, run: Trajectory) -> float:
     """Up to when the motion of a record is drawn, as `ImpactRecord.plot` says."""
-    end = float(time[-1]) if len(time) else 0.0
-    if ending in (Ending.NO_FURTHER_CONTACT, Ending.CONTACT_FOR_EVER, Ending.CYCLE_ENDED):
+    end = float(run.time[-1]) if len(run.time) else 0.0
+    alone = Ending.NO_FURTHER_CONTACT, Ending.CONTACT_FOR_EVER, Ending.CYCLE_ENDED
+    if run.ending in alone or run.searched > run.duration:
         end = max(end + _AFTER * period, _LEAST * period)
     return min(end, _MOST * period)
 

@@ -358,7 +358,8 @@ class ImpactRecord(Result):
         ----------
         times : (k,) array_like
             Times from the start, in any order, up to the last impact, or to the last event where no
-            impact was found. After a simulation that ended by itself, up to millions of periods.
+            impact was found. After a simulation that ended by itself, up to millions of periods;
+            where springs are not linear and no event was found any more, up to 1000 periods.
 
         Returns
         -------
@@ -431,7 +432,7 @@ class ImpactRecord(Result):
         >>> record.observable("floor.impulse")[:2].round(12)  # it hits at 1.5, leaves at 0.75
         array([4.5 , 2.25])
         """
-        if times is None and name in OF_IMPACTS and not self.system._strobed:
+        if times is None and str(name) in OF_IMPACTS and not self.system._strobed:
             return np.asarray(getattr(self, name))
         from dynkit.systems.impact.records.observables import along_at, along_impacts
 
@@ -455,7 +456,7 @@ class ImpactRecord(Result):
             Ending.HANGS,
             Ending.PARADOX,
         ):
-            last = self._run.duration
+            last = self._run.searched
         for i in np.flatnonzero((asked < 0.0) | (asked > last))[:1].tolist():
             raise ValueError(f"times[{i}] must lie in [0, {last}]; got {float(asked[i])}")
         return asked
@@ -500,7 +501,7 @@ class ImpactRecord(Result):
         system, names = self.system, element_names(self.system)
         chosen = names[0] if element is None else one_of("element", element, names)
         along = system._elements[names.index(chosen)]
-        last = shown_until(2.0 * math.pi / system.frequency, self.time, self.ending)
+        last = shown_until(2.0 * math.pi / system.frequency, self._run)
         end = last if end is None else finite_scalar("end", end)
         begin = in_interval("begin", begin, 0.0, end)
         hit = [stop.coordinate == along.coordinate for stop in system._elements]

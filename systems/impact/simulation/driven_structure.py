@@ -18,6 +18,7 @@ from dynkit.core.validation import (
     non_negative,
     positive,
     positive_integer,
+    regular_array,
     unmasked,
 )
 from dynkit.systems.impact.elements.element import Element
@@ -83,7 +84,7 @@ class DrivenStructure(LagrangianStructure):
     )
 
     def __post_init__(self) -> None:
-        if self.elements != ():
+        if not isinstance(self.elements, tuple) or self.elements:
             self._compose()
         check_fields(self, frequency=positive, restitution=checked_restitution)
         check_fields(self, amplitude=non_negative, offset=finite_scalar)
@@ -432,7 +433,7 @@ def _forces(name: str, given: Any, size: int, kind: type[Any]) -> tuple[Any, ...
     if isinstance(given, tuple) and not given:
         return given
     unmasked(name, given)
-    array = np.asarray(given)
+    array = regular_array(name, given, kind.__name__ if kind is complex else "real")
     if kind is complex and array.dtype.kind not in "iufc" and array.size:
         raise ValueError(f"{name} must be an array of complex numbers; got {given!r}")
     parts = [array.real, array.imag] if kind is complex and np.iscomplexobj(array) else [array]

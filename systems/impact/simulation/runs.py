@@ -482,6 +482,7 @@ class Course:
             float(clock[clock_kernels.LONGEST]),
             float(clock[clock_kernels.TIME]),
             int(clock[clock_kernels.AMBIGUOUS]),
+            float(clock[clock_kernels.TIME]),
         )
 
 

@@ -107,9 +107,12 @@ def events_of(oscillator: DrivenStructure, run: Trajectory) -> Events:
 
 
 def longest_sample(oscillator: DrivenStructure, run: Trajectory) -> float:
-    """Time up to which a run that ended by itself can be sampled: 2^24 of the longest steps."""
+    """Time up to which a run that ended by itself can be sampled: 2^24 of the longest steps.
+
+    By Taylor's method, as far as an event was searched.
+    """
     if oscillator._motion is not None:
-        return run.duration
+        return run.searched
     ladders = list(oscillator._gaps)
     for number in np.unique(run.segments.mode).tolist():
         (guards,) = np.nonzero(run.guards[:, 0] == number)

@@ -75,7 +75,7 @@ class TaylorCourse(Position):
         self._tolerance = oscillator.chatter_tolerance
         self.impacts, self.ending, self.cells = 0, Ending.COUNT_REACHED, 0
         self._chatter_error, self._touches, self._ambiguous, self._at_once = 0.0, 0, -1, 0
-        self._bounce, self._marked = 0.0, -1.0
+        self._bounce, self._marked, self._searched = 0.0, -1.0, 0.0
         self._laws = [stop.restitution for stop in oscillator._stops]
         self._several = len(self._laws) > 1
         self._strobed = oscillator._strobed and not oscillator._cycled
@@ -153,7 +153,7 @@ class TaylorCourse(Position):
     def _fly(self) -> int | None:
         """Fly to the next guard; -1 where a period of the section ends; None where a run ends."""
         strobed = self._strobed
-        if self._several and (number := self._struck()) is not None:
+        if (self._several or not self._plain) and (number := self._struck()) is not None:
             return number
         longest = self._remaining if strobed else _PERIODS * self._period
         pace = _PACE if self._noise else math.inf
@@ -166,6 +166,7 @@ class TaylorCourse(Position):
         self.cells, self._steps = self.cells + steps, steps
         if index == -2 or (index == -1 and not strobed):
             self.ending = Ending.SEARCH_LIMIT
+            self._searched = self._time + (longest if index == -1 else 0.0)
             return None
         self._pass(duration)
         self._remaining -= duration
@@ -484,4 +485,5 @@ class TaylorCourse(Position):
             self._longest,
             self._time,
             self._ambiguous,
+            max(self._time, self._searched),
         )

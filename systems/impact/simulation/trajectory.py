@@ -202,6 +202,8 @@ class Trajectory:
         Duration of the longest flight or contact.
     duration : float
         Time of the last event.
+    searched : float
+        Time up to which no other event was found, where a motion by Taylor's method has no more.
     ambiguous : int
         Number of impacts before the first one whose outcome is not unique; -1 where there is none.
     """
@@ -221,6 +223,7 @@ class Trajectory:
     longest: float
     duration: float
     ambiguous: int
+    searched: float
 
     def part(self, low: int, high: int) -> Trajectory:
         """The same trajectory with the impacts from number `low` to `high` - 1 only."""

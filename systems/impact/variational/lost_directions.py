@@ -11,7 +11,7 @@ from dynkit.core.validation import Array
 from dynkit.systems.impact.elements.element import RIDES
 from dynkit.systems.impact.elements.laws import ImpactLaw, rebound
 from dynkit.systems.impact.modes.structure import independent
-from dynkit.systems.impact.variational.map_derivative import along
+from dynkit.systems.impact.variational.saltation import along
 
 if TYPE_CHECKING:
     from dynkit.systems.impact.simulation.driven_structure import DrivenStructure

@@ -16,7 +16,8 @@ from dynkit.systems.impact.elements.stops import HardStop
 from dynkit.systems.impact.modes.mode import Mode
 from dynkit.systems.impact.simulation.state import ImpactState
 from dynkit.systems.impact.simulation.trajectory import grouped
-from dynkit.systems.impact.variational.saltation import comes_by_itself, reset
+from dynkit.systems.impact.variational.order import check_order
+from dynkit.systems.impact.variational.saltation import along, comes_by_itself, reset, scraped
 from dynkit.systems.impact.variational.taylor_derivative import followed, hit, rubbed, rubs_on
 
 _ORDERS = 16
@@ -39,6 +40,7 @@ def derivatives(oscillator: DrivenStructure, run: Trajectory) -> Array:
         raise NoCrossing(f"there is no next impact: {run.ending.value}")
     if run.ambiguous >= 0:
         raise NoDerivative("the outcome of the next impact is a choice of law")
+    check_order(oscillator, run)
     if oscillator._motion is not None:
         return _by_variations(oscillator, run.start, run)[None]
     way = _Way(oscillator, run)
@@ -139,7 +141,7 @@ class _Way:
             law = row @ derivative
             slope = _slope(stop, float(row @ y.ravel()), float(self.run.log.speed[point]))
             kick = mode.placed(stop.sign * mode.contact(stop.row(oscillator._size)).kick[:2])
-            rubs = [_scraped(part, slope, guard.sum, y, derivative) for part in guard.scrapes]
+            rubs = [scraped(part, slope, guard.sum, y, derivative) for part in guard.scrapes]
             derivative = derivative + sum(rubs, reset(slope, kick.ravel(), law))
             law = -slope * law
         return self._seen_from(0, guard.mode, derivative), law, time
@@ -250,18 +252,6 @@ def _by_variations(oscillator: DrivenStructure, state: ImpactState, run: Traject
     own = slope if side == 1 and oscillator._faces else -slope
     others = oscillator._others[side]
     return np.vstack([out[others], out[n + others], out[2 * n : -1], own * before, out[-1]])
-
-
-def _scraped(part: Any, restitution: float, gap: Any, y: Array, derivative: Array) -> Array:
-    """Change of a derivative (2 slots, d) by friction at an impact, by that before the impact.
-
-    It takes `ratio` times the change of the gap's rate from the slip velocity, or all of that.
-    """
-    w, kick = float(along(part.slip, 0) @ y.ravel()) + part.slip.offset, part.kick[:2].ravel()
-    by_rate = (1.0 + restitution) * part.ratio * along(gap, 2)
-    if abs(w) <= abs(float(by_rate @ y.ravel())):
-        return -np.outer(kick, along(part.slip, 0) @ derivative)
-    return np.outer(kick, np.sign(w) * by_rate @ derivative)
 
 
 def _held_fast(oscillator: DrivenStructure, guard: Any, derivative: Array) -> Array:
@@ -385,10 +375,3 @@ def _low_flight(mode: Mode, y: Array, derivative: Array, duration: float) -> tup
         term = mode.rate(term) * (duration / k)
         total += term
     return total[0], total[1:].reshape(derivative.shape[1], -1).T
-
-
-def along(ladder: Any, order: int) -> Array:
-    """The row of f (0) or f' (2) of an exponential sum, (2 slots,)."""
-    row = np.zeros((2, ladder.step.shape[2]))
-    row[:, : ladder.rows.shape[1]] = ladder.rows[order : order + 2]
-    return row.ravel()

@@ -44,15 +44,46 @@ def comes_by_itself(
     sum of the rates, which is more than their rounding. Of friction that sticks from an impact on,
     the slip is zero as well.
     """
-    speed, size = float(rates.sum()), float(abs(rates).sum())
-    just = speed < -_AT_ONCE * size and abs(value) * frequency <= -_AT_ONCE * speed
     sticks = guard.watch.event == HALT and s.kind[k] == EventKind.IMPACT
-    return just and not sticks and bool(s.element[k] != guard.element)
+    own = s.element[k] == guard.element
+    return falls(value, rates, frequency) and not sticks and not bool(own)
+
+
+def falls(value: float, rates: Array, frequency: float) -> bool:
+    """Whether what a guard watches is zero, and falls at a speed, the sum of the rates."""
+    speed, size = float(rates.sum()), float(abs(rates).sum())
+    return speed < -_AT_ONCE * size and abs(value) * frequency <= -_AT_ONCE * speed
 
 
 def reset(slope: float, kick: Array, by_rate: Array) -> Array:
     """Change of disturbances (d, k) by an impact, from the rates of the gap (k,) that they have."""
     return -(1.0 + slope) * np.outer(kick, by_rate)
+
+
+def slowed(part: Any, jump: float, y: Array) -> Array:
+    """What friction at an impact takes of a state (2, slots), by (1 + r) times the gap's rate.
+
+    It takes `ratio` times the change of the gap's rate from the slip velocity, or all of that.
+    """
+    w = float(along(part.slip, 0) @ y.ravel()) + part.slip.offset
+    most = abs(part.ratio * jump)
+    return np.asarray(min(max(w, -most), most) * part.kick[:2])
+
+
+def scraped(part: Any, restitution: float, gap: Any, y: Array, derivative: Array) -> Array:
+    """Change of a derivative (2 slots, d) before an impact by its friction: see `slowed`."""
+    w, kick = float(along(part.slip, 0) @ y.ravel()) + part.slip.offset, part.kick[:2].ravel()
+    by_rate = (1.0 + restitution) * part.ratio * along(gap, 2)
+    if abs(w) <= abs(float(by_rate @ y.ravel())):
+        return -np.outer(kick, along(part.slip, 0) @ derivative)
+    return np.outer(kick, np.sign(w) * by_rate @ derivative)
+
+
+def along(ladder: Any, order: int) -> Array:
+    """The row of f (0) or f' (2) of an exponential sum, (2 slots,)."""
+    row = np.zeros((2, ladder.step.shape[2]))
+    row[:, : ladder.rows.shape[1]] = ladder.rows[order : order + 2]
+    return row.ravel()
 
 
 def saltation(slope: float | Array, rates: Array, bends: Array) -> Array:
