@@ -189,5 +189,7 @@ def test_what_others_watch_at_an_event_needs_no_exponentials(monkeypatch: Any) -
     corners = sum(isinstance(border, Corner) for border in borders)
     assert corners > 1
     assert asked[-1] == asked[-1 - corners] > 0
-    flights = {(flow.tobytes(), start.tobytes(), times.tobytes()) for flow, start, times, _ in calls}
+    flights = {
+        (flow.tobytes(), start.tobytes(), times.tobytes()) for flow, start, times, _ in calls
+    }
     assert len(calls) == len(flights)  # one for all that is watched
