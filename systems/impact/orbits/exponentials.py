@@ -83,12 +83,12 @@ def exponentials(matrices: Any) -> Any:
     if not (norms < _LONGEST).all():
         raise NoSolution("the time between two events is too long for the fastest mode")
     halvings = np.ceil(np.log2(np.maximum(norms, 1.0))).astype(int)
-    scaled = matrices * (0.5**halvings)[:, None, None]
-    powers = [np.broadcast_to(np.eye(matrices.shape[1]), matrices.shape), scaled]
-    for _ in range(_BLOCK - 1):
-        powers.append(powers[-1] @ scaled)
-    *lower, block = powers
-    *sums, out = np.tensordot(_WEIGHTS, np.array(lower), axes=1)
+    powers = np.empty((_BLOCK + 1, *matrices.shape), dtype=matrices.dtype)
+    powers[0], powers[1] = np.eye(matrices.shape[1]), matrices * (0.5**halvings)[:, None, None]
+    for k in range(2, _BLOCK + 1):
+        np.matmul(powers[k - 1], powers[1], out=powers[k])
+    lower, block = powers[:_BLOCK].reshape(_BLOCK, -1), powers[_BLOCK]
+    *sums, out = (_WEIGHTS @ lower).reshape(-1, *matrices.shape)
     out += block / math.factorial(_WEIGHTS.size)
     for part in reversed(sums):
         out = out @ block + part
