@@ -31,7 +31,7 @@ from dynkit.orbits.problem import PeriodicOrbit
 from dynkit.orbits.search import OrbitSearch
 
 # Most points of a branch in each direction.
-_POINTS = 2000
+_POINTS = 4000
 # Exceptions that leave an orbit or a bifurcation unexplored; the network reports them.
 _REFUSALS = (NoSolution, NoConvergence, NoMotion)
 # Failures of the machine, after which the findings are returned. Faults of programs are raised.

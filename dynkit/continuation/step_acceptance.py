@@ -44,13 +44,15 @@ class Acceptance:
             seen = examine(self.problem, after)
         except NoSolution:
             return after, False
+        after = replace(after, seen=seen)
+        found, (appears, clears) = crossings(before, after, self.tests), _unclear(before.seen, seen)
+        if not (found or appears or clears):
+            return after, True
         way = (after.y - before.y) / before.scale
         sizes = (self.problem.repetition(point.y[:-1]) for point in (before, after))
         length = float(np.sqrt(way @ way)) / min(max(sizes), 1.0)
-        after = replace(after, seen=seen)
-        if length > _SHORTEST and self._unclear(before.seen, seen, length):
+        if (appears and length > _SHORTEST) or (clears and length > _UNSEEN):
             return after, False
-        found = crossings(before, after, self.tests)
         if not found:
             return after, True
         if _BRANCH_POINT in found:
@@ -67,17 +69,6 @@ class Acceptance:
         clear = len(found) <= 1 or length <= _SHORTEST
         return replace(after, seen=replace(seen, crossings=found)), clear
 
-    @staticmethod
-    def _unclear(before: Seen, after: Seen, length: float) -> bool:
-        """Whether events appear, or become defined, within the step."""
-        events = zip(before.events, after.events, strict=True)
-        values = [(a.value, b.value) for a, b in events]
-        # an event appears, and is beyond its border at once
-        appears = any(max(pair) == np.inf and min(pair) < 0.0 for pair in values)
-        # the sign of an event is defined at one end only; one that is nowhere near has none
-        clears = any(sum(map(np.isnan, pair)) == 1 and np.inf not in pair for pair in values)
-        return appears or (length > _UNSEEN and clears)
-
     def _flat(self, located: Located, before: Point, way: Array) -> Array | None:
         equations = OrbitEquations(self.problem, float(before.scale[-1]))
         place = np.append(located.x, located.p)
@@ -85,3 +76,13 @@ class Acceptance:
         directions = directions or [way / np.sqrt(way @ way)]
         tangent = max(directions, key=lambda direction: abs(float(direction @ way)))
         return tangent if abs(tangent[-1]) < _LEVEL else None
+
+
+def _unclear(before: Seen, after: Seen) -> tuple[bool, bool]:
+    """Whether events appear, or become defined, within a step."""
+    values = [(a.value, b.value) for a, b in zip(before.events, after.events, strict=True)]
+    # an event appears, and is beyond its border at once
+    appears = any(max(pair) == np.inf and min(pair) < 0.0 for pair in values)
+    # the sign of an event is defined at one end only; one that is nowhere near has none
+    clears = any((a != a) != (b != b) and np.inf not in (a, b) for a, b in values)
+    return appears, clears

@@ -51,12 +51,13 @@ class Spectrum(Enum):
         So a complex pair inside the border that becomes two real numbers makes one such pair, and a
         complex pair outside makes none.
         """
-        upper = np.triu_indices(len(real), 1)
         if self.periodic:
             real = np.clip(real, -_HUGE, _HUGE)  # infinite where an orbit grazes
-            return int(np.count_nonzero(np.outer(real, real)[upper] <= 1.0 + _ROUNDING))
-        sizes = np.add.outer(abs(real), abs(real))
-        return int(np.count_nonzero((np.add.outer(real, real) <= _ROUNDING * sizes)[upper]))
+            inside = np.multiply.outer(real, real) <= 1.0 + _ROUNDING
+        else:
+            sizes = np.add.outer(abs(real), abs(real))
+            inside = np.add.outer(real, real) <= _ROUNDING * sizes
+        return int(np.count_nonzero(inside) - np.count_nonzero(inside.diagonal())) // 2
 
     def from_border(self, values: Any) -> Any:
         """Return distances of numbers to the border, for eigenvalues relative to their modulus."""

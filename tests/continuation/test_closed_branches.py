@@ -7,9 +7,11 @@ from dataclasses import dataclass
 import numpy as np
 import pytest
 
-from dynkit import Map, continue_orbit, periodic_orbit
+from dynkit import Map, continue_orbit, explore, periodic_orbit
 from dynkit.continuation.membership import Trail
+from dynkit.continuation.termination import Reason
 from dynkit.core.validation import Array, finite_array
+from dynkit.systems import ImpactChain
 from tests.effort import some
 
 
@@ -102,3 +104,17 @@ def test_an_orbit_that_comes_again_from_another_state_on_closes_its_branch(numbe
         ("SN", 0.1),
     ]
     assert np.ptp(branch.unknowns[:, 0]) == pytest.approx(2.0 * np.pi / 3.0, abs=1e-4)
+
+
+def test_a_long_closed_branch_of_a_network_is_gone_round_once() -> None:
+    chain = ImpactChain(masses=10, frequency=1.263)
+    orbit = chain.periodic_orbit(impacts=2, periods=5, phases=[5.06, 26.95])
+    problem = orbit.problem("frequency")
+    # in units of the slow orbit that the branch was switched from, its steps are small
+    small = problem.remade(sizes=(0.1, 0.03725)).orbit(orbit.unknowns, problem.values)
+    network = explore(
+        chain, "frequency", (0.14, 2.0), iterates=2, periods=5, seeds=[small], branches=1
+    )
+    (branch,) = network.branches
+    assert [ending.reason for ending in branch.endings] == [Reason.CLOSED] * 2
+    assert len(branch) > 2000

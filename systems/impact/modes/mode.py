@@ -325,10 +325,10 @@ class Transitions:
     def matrices(self, slots: Any) -> Array:
         """Transition matrices (k, 2 N, 2 N) of the states of some slots (N,), both rows in turn."""
         k, n = len(self.own), len(slots)
-        out, order, i = np.zeros((k, 2, n, 2, n)), np.argsort(slots), np.arange(2)[:, None]
-        at = order[np.searchsorted(slots, self.alone, sorter=order)]
-        out[:, i[:, None], at, i, at] = self.own[..., self.alone]
+        out, at = np.zeros((k, 2, n, 2, n)), np.arange(n)
+        out[:, :, at, :, at] = self.own[..., slots].transpose(3, 0, 1, 2)
         if len(self.linked):
+            order = np.argsort(slots)
             at = order[np.searchsorted(slots, self.linked, sorter=order)]
             joint = self.joint.reshape(k, 2, len(at), len(at), 2)
             for j in range(2):

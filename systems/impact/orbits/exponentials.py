@@ -23,6 +23,9 @@ _WEIGHTS = np.array([1.0 / math.factorial(k) for k in range(4 * _BLOCK)]).reshap
 _BRIEF, _LONGEST = 4.0, 2.0**50
 """Norm of A t up to which a series loses few digits; largest norms."""
 
+_SLOWEST, _NEGLIGIBLE = 6, 1e-18
+"""Terms of a series are negligible beside one of this order in the time, and so beside all."""
+
 
 def lifted(flow: Array, times: Array) -> Array:
     """exp(A t) - 1, (k, d, d), of one matrix at short times (k,), whose powers are shared."""
@@ -50,14 +53,17 @@ def carried(flow: Any, states: Array, times: Array) -> Array:
         flown = exponentials(flow * times[long, None, None])
         out[long] = (flown.imag / STEP @ states[long, :, None])[..., 0]
     if len(brief):
-        d, change = len(flow), flow.imag / STEP
-        both, terms, lasts = np.vstack([flow.real, change]), states[brief].T, times[brief]
-        later = total = change @ terms * lasts
-        for k in range(2, 18 + math.ceil(4.0 * float(size[brief].max()))):
-            moved = both @ terms
-            terms = moved[:d] * (lasts / (k - 1))
-            later = (flow.real @ later + both[d:] @ terms) * (lasts / k)
-            total = total + later
+        brief = brief[np.argsort(-size[brief])]
+        own, change, terms, lasts = flow.real, flow.imag / STEP, states[brief].T, times[brief]
+        later = change @ terms * lasts
+        total, orders = later.copy(), np.arange(2.0, 18.0 + 4.0 * size[brief[0]])[:, None]
+        left = np.cumprod(np.where(orders > _SLOWEST, size[brief], 1.0) / orders, axis=0)
+        counts = np.count_nonzero(left > _NEGLIGIBLE, axis=1)
+        for k, count in enumerate(counts[counts > 0].tolist(), 2):
+            terms, later, lasts = terms[:, :count], later[:, :count], lasts[:count]
+            terms = own @ terms * (lasts / (k - 1))
+            later = (own @ later + change @ terms) * (lasts / k)
+            total[:, :count] += later
         out[brief] = total.T
     return out
 
@@ -83,14 +89,14 @@ def _doubled(matrices: Any, one: float) -> Any:
     if not (norms < _LONGEST).all():
         raise NoSolution("the time between two events is too long for the fastest mode")
     halvings = np.ceil(np.log2(np.maximum(norms, 1.0))).astype(int)
-    scaled = matrices * (0.5**halvings)[:, None, None]
-    powers = [np.broadcast_to(np.eye(matrices.shape[1]), matrices.shape), scaled]
-    for _ in range(_BLOCK - 1):
-        powers.append(powers[-1] @ scaled)
-    *lower, block = powers
+    powers = np.empty((_BLOCK + 1, *matrices.shape), dtype=matrices.dtype)
+    powers[0], powers[1] = np.eye(matrices.shape[1]), matrices * (0.5**halvings)[:, None, None]
+    for k in range(2, _BLOCK + 1):
+        np.matmul(powers[k - 1], powers[1], out=powers[k])
+    lower, block = powers[:_BLOCK].reshape(_BLOCK, -1), powers[_BLOCK]
     weights = _WEIGHTS.copy()
     weights[0, 0] = one
-    *sums, out = np.tensordot(weights, np.array(lower), axes=1)
+    *sums, out = (weights @ lower).reshape(-1, *matrices.shape)
     out += block / math.factorial(_WEIGHTS.size)
     for part in reversed(sums):
         out = out @ block + part

@@ -15,6 +15,7 @@ from dynkit.orbits.newton import Correction, NoSolution
 from dynkit.orbits.problem import PeriodicProblem
 from dynkit.systems.impact.elements.stops import HardStop
 from dynkit.systems.impact.modes.free_motion import free_motion
+from dynkit.systems.impact.orbits.borders import Border
 from dynkit.systems.impact.orbits.itineraries import divided, passage, responses
 from dynkit.systems.impact.orbits.itineraries.borders import Begun, beginnings
 from dynkit.systems.impact.orbits.itineraries.correcting import TableCorrector, corrector_of
@@ -112,6 +113,7 @@ class ImpactProblem(PeriodicProblem, WatchedProblem):
         self._known: list[tuple[bytes, Any]] = []
         self._last: tuple[bytes, Any] | None = None
         self._watched: tuple[Any, list[Event]] | None = None
+        self._borders: list[Border] = []
         self._home: tuple[bytes, Array] | None = None
 
     # --- parameters -------------------------------------------------------------------------------

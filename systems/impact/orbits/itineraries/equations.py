@@ -369,7 +369,8 @@ class ItineraryEquations(ImpactProblem):
     def events(self, x: Array, p: Array) -> list[Event]:
         solution = self.at(x, p)
         if self._watched is None or self._watched[0] is not solution:
-            both = [(border, border.value(solution)) for border in self.borders(solution)]
+            self._borders = self._borders or self.borders(solution)
+            both = [(border, border.value(solution)) for border in self._borders]
             found = [Event(b.kind, b.part, value, b.ends, b.power) for b, value in both]
             self._watched = solution, found
         return list(self._watched[1])

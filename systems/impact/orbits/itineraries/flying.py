@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any, final
 import numpy as np
 
 from dynkit.core.differences import STEP
+from dynkit.core.kept import kept
 from dynkit.core.no_motion import CannotFollow, Diverged
 from dynkit.core.validation import Array
 from dynkit.orbits.newton import NoSolution
@@ -54,6 +55,7 @@ class LinearFlights:
         first = self.machine.rate(element).real @ self._flow.real
         return states @ first, states @ (first @ self._flow.real)
 
+    @kept
     def lifted(self, states: Array, times: Array) -> Array:  # noqa: ARG002
         """Derivatives (n, D, D) less 1 of short flights."""
         return lifted(self._flow.real, times)
@@ -64,8 +66,7 @@ class LinearFlights:
 
     def ends(self, states: Array, times: Array) -> Array:
         """States (n, D) after flights over some times (n,)."""
-        flown = lifted(self._flow.real, times)
-        return states + np.asarray(flown @ states[:, :, None])[..., 0]
+        return states + (self.lifted(states, times) @ states[:, :, None])[..., 0]
 
     def observed(self, element: int, guard: int, z: Any) -> tuple[Any, Any]:
         """What an element watches at a state, guard number `guard` of its regime; derivative (D,).

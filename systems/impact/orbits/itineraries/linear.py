@@ -30,10 +30,10 @@ class LinearSolution(ShootingSolution):
 
     @cached_property
     def _ahead(self) -> Any:
-        """exp(A t), (n, D, D), of the flights that follow no chatter."""
-        lasts = np.array(self.durations)
-        lasts[[event.chatters for event in self.itinerary]] = 0.0
-        return moved(self.flows, lasts, self.measures)
+        """exp(A t), (D, D), of the flights that follow no chatter, by the numbers of events."""
+        own = [i for i, event in enumerate(self.itinerary) if not event.chatters]
+        flown = moved(self.flows[own], self.durations[own], self.measures)
+        return dict(zip(own, flown, strict=True))
 
     def _flight(self, i: int, z: Any, lasts: Any) -> tuple[Any, Any]:
         if self.itinerary[i].chatters:
