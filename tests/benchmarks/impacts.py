@@ -139,7 +139,7 @@ def growth_with_size() -> Iterator[Line]:
 
 def elements() -> Iterator[Line]:
     """Further stops and sliders, beside the table alone."""
-    for masses, most in ((10, 2.2), (2, None)):
+    for masses in (10, 2):
         last, forces = masses - 1, [0.0] * (masses - 1) + [0.5]
         beaten = partial(ImpactChain, masses=masses, frequency=0.9, harmonic_forces=forces)
         low = HardStop(last, offset=-0.3, restitution=0.7)
@@ -150,7 +150,7 @@ def elements() -> Iterator[Line]:
             ("a soft stop", SoftStop(last, stiffness=50.0, damping=0.2, **across)),
         ):
             each, _ = repeated(beaten(elements=[low, added]), 10_000)
-            limit = most if "hard" in what else None
+            limit = 2.2 if "hard" in what else None
             yield Line(f"event, {masses} masses, with {what}", each, "one stop alone", alone, limit)
     sliders = [Jenkins(i, stiffness=1.0, force=0.05 + 0.01 * i) for i in range(10)]
     forces = [0.0] * 9 + [0.5]

@@ -3,14 +3,18 @@
 from __future__ import annotations
 
 from functools import cache
+from typing import Any
 
 import numpy as np
 import pytest
 from mpmath import mp, mpf
 
 from dynkit.core.validation import Array
+from dynkit.systems.impact.elements.stops import HardStop
+from dynkit.systems.impact.modes.steady_response import DISTURBANCE
 from dynkit.systems.impact.oscillators.chain import ImpactChain
-from dynkit.systems.impact.records.record import ImpactRecord
+from dynkit.systems.impact.records.record import _TWINS, ImpactRecord
+from dynkit.systems.impact.simulation.runs import Course, course_from
 from tests.effort import some
 from tests.impact.many_digits import Case, errors_before_contact, random_case
 from tests.reference.values import PAPER_CHAIN
@@ -126,3 +130,24 @@ def test_the_error_of_the_first_impact_counts_that_of_the_start() -> None:
     record, errors = errors_before_contact(case, 1)
     assert errors[0, 1] <= record.error[0]
     assert record.error[0] > 1e-11
+
+
+def test_three_disturbed_runs_of_a_machine_hardly_ever_all_stay_near() -> None:
+    low = HardStop(0, offset=-0.4, restitution=0.9)
+    high = HardStop(0, offset=0.7, side="below", restitution=0.9)
+    given: Any = {"masses": 1, "damping": 0.02, "frequency": 0.7, "harmonic_forces": [2.0]}
+    system = ImpactChain(elements=[low, high], **given)
+    start = system.state([0.1], [0.5])
+
+    def last(noise: float = 0.0, seed: int = 1) -> float:
+        course = course_from(system, start, noise=noise, seed=seed)
+        assert isinstance(course, Course)
+        return float(course.advance(25, store=True).time[-1])
+
+    # The motion stretches the disturbances to 1e-11: their rounding does not count.
+    own, noise = last(), DISTURBANCE * 2.0**-52
+    apart = np.sort([abs(last(noise, seed) - own) for seed in range(1, 3001)])
+    assert np.median(apart) > 1e-12
+    # Actual errors of random machines are a fifth of that, by root mean squares.
+    nearer = np.searchsorted(apart, 0.2 * apart / system._margin) / apart.size
+    assert np.mean(nearer**_TWINS) < 3e-5

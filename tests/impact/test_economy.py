@@ -16,6 +16,8 @@ from dynkit import sweep
 from dynkit.core.validation import Array
 from dynkit.exponential import propagators
 from dynkit.exponential.propagators import padded
+from dynkit.systems.impact.elements.jenkins import Jenkins
+from dynkit.systems.impact.elements.stops import HardStop
 from dynkit.systems.impact.modes import structure
 from dynkit.systems.impact.modes.bases import Basis, CoupledModes, NormalModes, row_by_row
 from dynkit.systems.impact.modes.steady_response import Forced
@@ -26,9 +28,10 @@ from dynkit.systems.impact.oscillators.play import PlayOscillator
 from dynkit.systems.impact.records.record import ImpactRecord
 from dynkit.systems.impact.simulation import runs
 from dynkit.systems.impact.simulation.automaton import Automaton
-from dynkit.systems.impact.simulation.runs import Course
+from dynkit.systems.impact.simulation.runs import Course, course_from
 from dynkit.systems.impact.simulation.trajectory import Ending, Impacts
 from dynkit.systems.impact.variational import tangents
+from tests.reference.random_machines import random_machine
 
 
 def terms(system: ImpactOscillator) -> int:
@@ -264,6 +267,46 @@ def test_twins_run_in_the_machine_code_of_the_run_whose_error_they_give(system: 
     known = [list(kernel.signatures) for kernel in kernels]
     assert record.error[0] > 0.0
     assert [kernel.signatures for kernel in kernels] == known
+
+
+def between_two_stops() -> ImpactChain:
+    """Two masses, the last of which hits two stops in turn."""
+    low = HardStop(1, offset=-0.3, restitution=0.7)
+    high = HardStop(1, offset=0.3, side="below", restitution=0.7)
+    return ImpactChain(masses=2, frequency=0.9, harmonic_forces=[0.0, 0.5], elements=[low, high])
+
+
+def test_the_stop_that_is_hit_next_is_searched_first() -> None:
+    system = between_two_stops()
+    record = system.simulate(impacts=1000, start=system.simulate(impacts=200).final)
+    assert np.all(record.element[1:] != record.element[:-1])
+    # The stop that was left, searched to its own next impact, would make it 14 cells.
+    assert record.cost.counts["cells"] < 9 * len(record)
+
+
+SLIDER = Jenkins(0, stiffness=1.0, force=0.2)
+TWINS = ImpactChain(masses=1, frequency=0.4, harmonic_forces=[1.0], elements=[SLIDER, SLIDER])
+
+
+@pytest.mark.parametrize("number", [None, 2, 4, 9, 17, 62, 87])
+def test_the_order_in_which_guards_are_searched_has_no_effect(number: int | None) -> None:
+    from dynkit.systems.impact.simulation.clock_kernels import SWITCHES
+    from dynkit.systems.impact.simulation.loop_kernels import MOST_KNOWN, NEXT
+
+    # Two equal sliders slip at the same moment, to the last bit.
+    system, start = (TWINS, TWINS.state([0.0], [0.0])) if number is None else random_machine(number)
+    random = np.random.default_rng(number or 0)
+    whole, other = (course_from(system, start) for _ in range(2))
+    assert isinstance(whole, Course)
+    assert isinstance(other, Course)
+    log = whole.advance(40, store=True)
+    for k in range(40):
+        other._waiting[0][NEXT:] = random.integers(len(system._automaton.guards), size=MOST_KNOWN)
+        one = other.advance(1, store=True)
+        assert (one.time[0], one.guard[0]) == (log.time[k], log.guard[k])
+        np.testing.assert_array_equal(one.states[0], log.states[k])
+    switches = [run._switches.guard[: int(run._clock[SWITCHES])] for run in (whole, other)]
+    np.testing.assert_array_equal(*switches)
 
 
 @pytest.mark.parametrize("decided", [0, 2, 4])

@@ -107,6 +107,7 @@ class Ensemble:
         """Buffers of a run, one of which is a log of impacts."""
         from dynkit.systems.impact.simulation.clock_kernels import BEGIN, CLOCK
         from dynkit.systems.impact.simulation.log_kernels import Switches
+        from dynkit.systems.impact.simulation.loop_kernels import WAITING
 
         time, rest, speed = np.zeros((3, _SWITCHES))
         before, guard = np.zeros((2, _SWITCHES), np.intp)
@@ -116,7 +117,7 @@ class Ensemble:
             impacts,
             Switches(time, rest, speed, before, guard, np.zeros((_SWITCHES, 2, slots))),
             workspace(slots),
-            np.zeros(5, dtype=np.int64),
+            np.zeros(WAITING, dtype=np.int64),
             np.zeros(3),
         )
 

@@ -49,8 +49,8 @@ if TYPE_CHECKING:
 OF_IMPACTS = "relative_velocity", "phase", "energy", "time"
 """Observables of records of impacts, besides those of elements."""
 
-# Number of twin runs for the error, and the factor by which their distance is multiplied.
-_TWINS, _SAFETY = 3, 4.0
+# Number of twin runs for the error; by `_margin` of the system their distance is multiplied.
+_TWINS = 3
 
 # Limit of a twin's search for an event: cells, and cells per cell of the whole run.
 _LEAST_CELLS, _CELLS_OF_TWINS = 10_000, 64
@@ -88,7 +88,7 @@ def twin_errors(
             worst = 2.0**-52 * abs(batch.states).max(axis=1, initial=0.0)
             for twin in twins:
                 _compare(batch, twin, worst)
-            yield _SAFETY * worst
+            yield system._margin * worst
             if bar is not None:
                 bar.update(len(batch))
 
@@ -318,11 +318,13 @@ class ImpactRecord(Result):
         state after every impact, and of the bounces omitted from a chatter. Each disturbance is
         8 * 2^-52 of a number, and a quarter of a last digit of its value along the flight, which is
         many times the rounding. The estimate is four times the largest distance reached so far, and
-        at least the rounding of the largest coordinate. On a stable motion it stays near 1e-14. In
-        chaos it grows to the size of the attractor: from there on single states have no meaning. It
-        is infinite where a twin has fewer impacts, or where rounding decides whether a twin leaves
-        the table. The error of a time is this error over the frequency, plus the rounding of the
-        time; where times of twins differ by turns of the table, all turns count.
+        at least the rounding of the largest coordinate. With several elements, or one that is no
+        hard stop, beside linear springs it is eight times that distance: their events add errors,
+        and by chance all three runs may stay near. On a stable motion the estimate stays near
+        1e-14. In chaos it grows to the size of the attractor: from there on single states have no
+        meaning. It is infinite where a twin has fewer impacts, or where rounding decides whether a
+        twin leaves the table. The error of a time is this error over the frequency, plus the
+        rounding of the time; where times of twins differ by turns of the table, all turns count.
 
         References
         ----------

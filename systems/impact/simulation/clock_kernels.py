@@ -176,9 +176,9 @@ def perturb_reached(
     are small again at the end of the flight, they keep the rounding of a step between: with a noise
     of 8 * 2^-52 a quarter of a last digit.
     """
-    # An estimate is four times the largest distance of three twins. The largest of three xi is 3/4
-    # on average: that makes 3/4 of a last digit, where a rounding is half of one at most. Of 8988
-    # impacts of tests/validation no error exceeds its estimate, with this disturbance or without.
+    # An estimate is at least four times the largest distance of three twins. The largest of three
+    # xi is 3/4 on average: that makes 3/4 of a last digit; a rounding is half of one at most. Of
+    # 8988 impacts of tests/validation no error exceeds its estimate, with this disturbance or not.
     seed = clock[SEED]
     clock[SEED] = float(0x7FFFFFFF) - seed  # draws of its own: those of other disturbances stay
     for m in range(slots.shape[0]):

@@ -109,6 +109,20 @@ def falls(guard: Ladder, band_factor: float, work: Workspace) -> bool:
 
 
 @kernel()
+def falling(tables: Tables, g: int, left: Array, band_factor: float, work: Workspace) -> int:
+    """The first guard, from `g` on, that vanishes and becomes negative; -1 if none."""
+    m = tables.ladders.integers[g, GROUP]
+    first, guards = tables.first[m], tables.first[m + 1] - tables.first[m]
+    for turn in range(guards):
+        k = first + (g - first + turn) % guards
+        if tables.event[k] >= JUMP or not vanishes(tables, k, left):
+            continue
+        if falls(ladder_at(tables.ladders, k), band_factor, work):
+            return int(k)
+    return -1
+
+
+@kernel()
 def jumped(tables: Tables, g: int, left: Array, states: Array, band_factor: float) -> int:
     """A guard that is negative at a start, or after an event at guard `g`; -1 if none.
 

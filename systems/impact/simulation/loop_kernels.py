@@ -88,7 +88,7 @@ from dynkit.systems.impact.simulation.event_kernels import (
     bounced,
     come_to_rest,
     copy,
-    falls,
+    falling,
     first_of,
     guard_of,
     jolt,
@@ -97,7 +97,6 @@ from dynkit.systems.impact.simulation.event_kernels import (
     lets_go,
     push,
     together,
-    vanishes,
 )
 from dynkit.systems.impact.simulation.log_kernels import Impacts, Switches, enter, note_impact
 from dynkit.systems.impact.simulation.scrape_kernels import scrape
@@ -136,9 +135,14 @@ that they are not; and for each stop so many after which a run ends."""
 FIRST_CELLS = 64
 """Cells after which the search of one of several guards waits for that of the others."""
 
-WAITS, TURN, OUTCOME, STEPS, BEST = range(5)
+WAITS, TURN, OUTCOME, STEPS, BEST, NEXT = range(6)
 """Of a paused search: whether it is paused, how many guards were searched, and the earliest root so
-far: its outcome, smallest steps and guard. Its remainder and rate are waiting, too."""
+far: its outcome, smallest steps and guard. Its remainder and rate are waiting, too. From NEXT on,
+for guards modulo MOST_KNOWN, the guard that ended the last flight that began there."""
+
+MOST_KNOWN = 1024
+WAITING = NEXT + MOST_KNOWN
+"""Numbers of `waiting`."""
 
 
 @kernel(entry=True, nogil=True)
@@ -178,7 +182,7 @@ def run(
     impacts, switches
         Logs, modified in place; that of impacts has `count` rows or none.
     work, waiting, waits
-        Buffers (5 integers and 3 numbers, the last one for impact laws), modified in place.
+        Buffers (WAITING integers and 3 numbers, the last one for impact laws), modified in place.
 
     Returns
     -------
@@ -261,12 +265,8 @@ def run(
         budget = int(clock[BUDGET])
         if budget == 0:
             budget = min(limit, FIRST_CELLS) if guards > 1 else limit
-        turn = 0
-        outcome = NEVER
-        n = 0
-        best = g
-        e = 0.0
-        rate = 0.0
+        turn, outcome, n, best = 0, NEVER, 0, g
+        e = rate = 0.0
         if beside is not None and tables.period > 0.0:
             outcome = SECTION
             n = int(clock[REMAINING] / smallest)
@@ -275,8 +275,17 @@ def run(
             waiting[WAITS] = 0
             turn, outcome, n, best = waiting[TURN], waiting[OUTCOME], waiting[STEPS], waiting[BEST]
             e, rate = waits[0], waits[1]
+        elif beside is not None:
+            k = falling(tables, g, left, band_factor, work)
+            if k >= 0:
+                copy(y, START, KEPT)
+                turn, outcome, n, best, e, rate = guards, ROOT, 0, k, 0.0, 0.0
+        # A root ends the searches after it: the likely one is first. The result is the same.
+        likely = waiting[NEXT + g % MOST_KNOWN]
+        if not first <= likely < first + guards:
+            likely = g
         while turn < guards:
-            k = g + turn  # the one that was left first
+            k = likely + turn
             if k >= first + guards:
                 k -= guards
             if at != k:
@@ -288,10 +297,6 @@ def run(
             begins = k == first or tables.element[k - 1] != tables.element[k]
             own = left[tables.element[k]]
             order = int(own[ORDER]) if begins else 0
-            if beside is not None and vanishes(tables, k, left) and falls(gap, band_factor, work):
-                copy(y, START, KEPT)
-                outcome, n, best, e, rate = ROOT, 0, k, 0.0, 0.0
-                break
             speed = own[SPEED] if order > 0 else own[GAP]
             touches = tables.event[k] == IMPACT
             horizon = for_ever if outcome == NEVER else n
@@ -315,9 +320,12 @@ def run(
                 return done, RUN_PAUSED
             spent += cells
             clock[CELLS] += cells
-            reached = found in (ROOT, TOUCH)
+            sooner = found in (ROOT, TOUCH)
+            if sooner and outcome != NEVER:
+                gain = (e - d) - (steps - n) * smallest
+                sooner = gain > 0.0 or (gain == 0.0 and (k - g) % guards < (best - g) % guards)
             # At the limit of cells a search has come to n, and no further than another root.
-            if found == LIMIT or (reached and (outcome == NEVER or (steps - n) * smallest < e - d)):
+            if found == LIMIT or sooner:
                 outcome, n, best, e, rate = found, steps, k, d, slope
                 if guards > 1:
                     copy(y, FOUND, KEPT)
@@ -353,6 +361,7 @@ def run(
             continue
         if guards > 1:
             copy(y, KEPT, FOUND)
+            waiting[NEXT + g % MOST_KNOWN] = best
         own = left[tables.element[best]]
         if tables.event[best] in (SWITCH, HALT):
             came = change_by_address(

@@ -216,7 +216,7 @@ class Course:
         self._oscillator, self._start = oscillator, start
         self._noise, self._most_cells = noise, most_cells
         self._clock = clock
-        self._waiting: Any = np.zeros(5, dtype=np.int64), np.zeros(3)
+        self._waiting: Any = np.zeros(kernels.WAITING, dtype=np.int64), np.zeros(3)
         self._switches: Any = None
         self._prepare(kernels.START, free.states(q, *turn)[None])
         if noise > 0.0:
