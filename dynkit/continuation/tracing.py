@@ -15,6 +15,7 @@ from dynkit.continuation.defining_systems import merges
 from dynkit.continuation.locating import locate
 from dynkit.continuation.points import Point
 from dynkit.continuation.termination import Ending, Reason
+from dynkit.continuation.unnoticed import unnoticed
 from dynkit.core.validation import Array
 from dynkit.orbits.equations import Problem
 from dynkit.orbits.kinds import BifurcationKind
@@ -87,7 +88,29 @@ def trace(problem: Problem, curve: Continuation, inadmissible: bool) -> Trace:
                 found.ending = _ends(Reason.RETRACED, point)
                 break
         found.points.append(point)
+    for index, middle, after in unnoticed(curve, found.points):
+        _insert(problem, curve, found, index, middle, after)
+        if not inadmissible and not middle.seen.admissible:
+            found.ending = _ends(Reason.INADMISSIBLE, middle)
+            del found.points[index + 1 :]
+            found.located = [entry for entry in found.located if entry[0] <= index + 1]
     return found
+
+
+def _insert(
+    problem: Problem, curve: Continuation, found: Trace, index: int, middle: Point, after: Point
+) -> None:
+    """Insert the bifurcations beside a point after number `index`, and the point, if there are."""
+    before = found.points[index]
+    here = [
+        (index + k + part, located, end.y - begin.y)
+        for k, (begin, end) in enumerate(((before, middle), (middle, after)))
+        for part, located in _between(problem, curve, begin, end)
+    ]
+    if here:
+        found.points[index + 1 : index + 2] = [middle, after]
+        here += [(at + (at >= index + 1), it, way) for at, it, way in found.located]
+        found.located = sorted(here, key=lambda entry: entry[0])
 
 
 def _ends(reason: Reason, point: Point) -> Ending:
