@@ -11,6 +11,7 @@ from collections.abc import Iterator, Sequence
 from itertools import pairwise
 
 import numpy as np
+from scipy.optimize import linear_sum_assignment
 
 from dynkit.continuation.arclength import Continuation
 from dynkit.continuation.corrector import Failure
@@ -103,17 +104,13 @@ def _heights(points: Sequence[Point]) -> Array:
     They are the tangent's part along the parameter; how far each number of the spectrum is beyond
     the border of stability, in the order in which they continue each other; what events watch.
     """
-    from scipy.optimize import linear_sum_assignment
-
     rows, last = [], points[0].seen.spectrum
     for point in points:
         seen, kind = point.seen, point.seen.kind
-        gaps = abs(np.subtract.outer(last, seen.spectrum))
-        last = seen.spectrum[linear_sum_assignment(np.nan_to_num(gaps, nan=_FAR, posinf=_FAR))[1]]
-        outside = last.real
-        if kind.periodic:
-            with np.errstate(divide="ignore"):
-                outside = np.log(abs(last))
+        with np.errstate(all="ignore"):  # infinite where an orbit grazes
+            gaps = np.nan_to_num(abs(np.subtract.outer(last, seen.spectrum)), nan=_FAR, posinf=_FAR)
+            last = seen.spectrum[linear_sum_assignment(gaps)[1]]
+            outside = np.log(abs(last)) if kind.periodic else last.real
         if kind is Spectrum.CONSERVATIVE:  # all of them are on the border
             outside = np.full(len(last), np.nan)
         events = [math.nan if event.ends else event.value for event in seen.events]
