@@ -12,7 +12,7 @@ from dynkit.core.reprs import system_repr
 from dynkit.core.smooth_map import SmoothMap
 from dynkit.core.validation import Array, finite_array, one_of, read_only
 from dynkit.orbits.equations import KeptSolution
-from dynkit.orbits.newton import orbit_bound
+from dynkit.orbits.newton import NoSolution, orbit_bound
 from dynkit.orbits.problem import PeriodicOrbit
 
 _NONE = np.empty(0)
@@ -26,13 +26,20 @@ class MapOrbit(KeptSolution, PeriodicOrbit):
     """
 
     def __repr__(self) -> str:
+        what = f"{self.label} of {system_repr(self.system, 6)}"
+        try:
+            return f"<{what}: {self._stability()}>"
+        except NoSolution as failure:
+            return f"<{what}: no multipliers, as {failure}>"
+
+    def _stability(self) -> str:
         hidden = int((~self.multipliers_resolved).sum())
         doubt = f"; {hidden} of {len(self.multipliers)} multipliers not resolved" if hidden else ""
         kind = "stable" if self.stable else "unstable"
         beyond, error = abs(self.multipliers) - 1.0, self.multipliers_error
         if not self.system.conservative and (abs(beyond) <= error).any():
             kind = kind if (beyond > error).any() else "stability not resolved"
-        return f"<{self.label} of {system_repr(self.system, 6)}: {kind}{doubt}>"
+        return kind + doubt
 
     @property
     def system(self) -> SmoothMap:

@@ -13,7 +13,7 @@ from dynkit.core.smooth_map import SmoothMap, checked_map, proper_divisors
 from dynkit.core.validation import Array, finite_array, positive_integer, within_memory
 from dynkit.orbits.map_orbit import MapOrbit
 from dynkit.orbits.map_problem import MapProblem, sizes
-from dynkit.orbits.newton import NoConvergence, NoSolution, solve
+from dynkit.orbits.newton import NoConvergence, solve
 
 # States of an orbit that agree to this are tried as one state. After a period doubling they are
 # this close only where the parameter is within the square of it, 1e-14, of the bifurcation.
@@ -49,8 +49,7 @@ def periodic_orbit(system: SmoothMap, guess: Any, *, period: int | None = None) 
     NoMotion
         When a guess of one state has fewer than n - 1 iterates.
     NoConvergence
-        When Newton's method does not converge to an orbit, or to one along which the map has no
-        derivative. For a flow or a machine, also when it
+        When Newton's method does not converge to an orbit. For a flow or a machine, also when it
         converges to an orbit of a continuous family, as where an energy is conserved or friction
         never slips.
 
@@ -69,10 +68,6 @@ def periodic_orbit(system: SmoothMap, guess: Any, *, period: int | None = None) 
         x, more = shorter
         history += more[1:]
     problem = MapProblem(system, x.reshape(-1, system.dimension))
-    try:
-        problem.jacobians(x, _NONE)
-    except NoSolution as failure:
-        raise NoConvergence(f"the orbit found has no derivative: {failure}") from failure
     if system._families and problem.is_of_a_family(x):
         raise NoConvergence(_FAMILY + system._families)
     cost = Cost(time.perf_counter() - began, {"newton steps": len(history) - 1})
