@@ -25,6 +25,8 @@ _TRIES = 3
 _DOUBT = 0.05
 # A point nearer to the border than this is on it.
 _BORDER = 1e-9
+# Most numbers of a spectrum that are followed.
+_MOST = 32
 # In place of an infinite or undefined distance of multipliers.
 _FAR = 1e150
 
@@ -101,16 +103,21 @@ def _turns(points: Sequence[Point]) -> Array:
 def _heights(points: Sequence[Point]) -> Array:
     """Numbers (k, j) whose signs are those of test functions; NaN or infinite where they have none.
 
-    They are the tangent's part along the parameter; how far each number of the spectrum is beyond
-    the border of stability, in the order in which they continue each other; what events watch.
+    They are the tangent's part along the parameter; how far the numbers of the spectrum that are
+    nearest to the border of stability are beyond it, in the order in which they continue each
+    other; what events watch.
     """
-    rows, last = [], points[0].seen.spectrum
+    rows, last = list[Array](), np.empty(0)
     for point in points:
         seen, kind = point.seen, point.seen.kind
         with np.errstate(all="ignore"):  # infinite where an orbit grazes
-            gaps = np.nan_to_num(abs(np.subtract.outer(last, seen.spectrum)), nan=_FAR, posinf=_FAR)
-            last = seen.spectrum[linear_sum_assignment(gaps)[1]]
-            outside = np.log(abs(last)) if kind.periodic else last.real
+            beyond = np.log(abs(seen.spectrum)) if kind.periodic else seen.spectrum.real
+            near = np.argsort(abs(beyond), kind="stable")[:_MOST]
+            values = seen.spectrum[near]
+            last = last if rows else values
+            gaps = np.nan_to_num(abs(np.subtract.outer(last, values)), nan=_FAR, posinf=_FAR)
+        order = linear_sum_assignment(gaps)[1]
+        last, outside = values[order], beyond[near][order]
         if kind is Spectrum.CONSERVATIVE:  # all of them are on the border
             outside = np.full(len(last), np.nan)
         events = [math.nan if event.ends else event.value for event in seen.events]
