@@ -3,7 +3,8 @@ PYTHON ?= python3
 BIN := $(if $(filter Windows_NT,$(OS)),.venv/Scripts,.venv/bin)
 # --system-site-packages takes heyoka from conda-forge where the package index has none
 VENV_OPTIONS ?=
-INSTALL := $(BIN)/python -m pip install --quiet --disable-pip-version-check
+# Modules are compiled when they are first imported, and most of them never are.
+INSTALL := $(BIN)/python -m pip install --quiet --disable-pip-version-check --no-compile
 # The oldest versions that are supported, in an environment of their own; TESTS= picks some tests.
 OLDEST_PYTHON ?= $(shell command -v python3.11 || echo $(PYTHON))
 OLDEST := .venv-oldest
@@ -87,7 +88,7 @@ clean:  ## remove environment, results and caches
 .venv/.ready: pyproject.toml
 	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11) and "dynkit needs Python 3.11 or newer; $(PYTHON) is %d.%d: try make PYTHON=python3.12" % sys.version_info[:2])'
 	@test -d dynkit/systems || { echo "dynkit/systems must be a symbolic link: clone with git clone -c core.symlinks=true" >&2; exit 1; }
-	@echo "Setting up .venv (once, about a minute)"
+	@echo "Setting up .venv (once, half a minute)"
 	@$(BIN)/python -c 'import pip, sys; sys.exit(sys.version_info < (3, 11))' 2>/dev/null || $(PYTHON) -m venv --clear $(VENV_OPTIONS) .venv
 	@$(INSTALL) --editable '.[view]'
 	@touch $@

@@ -171,9 +171,8 @@ class PowerSpectrum(Saved):
 
     @cached_property
     def _window(self) -> Array:
-        from scipy import signal
-
-        return np.asarray(signal.get_window("hann", self._length), dtype=np.float64)
+        turn = np.linspace(-math.pi, math.pi, self._length, endpoint=False)
+        return np.asarray(0.5 + 0.5 * np.cos(turn))
 
     @cached_property
     def resolution(self) -> float:
@@ -240,10 +239,12 @@ class PowerSpectrum(Saved):
 
     def _density(self, values: Array) -> Array:
         """Return Welch's densities, also at frequencies beyond the axis."""
-        from scipy import signal
-
-        _, per_cycle = signal.welch(values, 1.0 / self._step, window="hann", nperseg=self._length)
-        return np.asarray(per_cycle / math.tau)
+        n, w = self._length, self._window
+        parts = np.lib.stride_tricks.sliding_window_view(values, n)[:: n - n // 2]
+        lines = np.fft.rfft(w * (parts - parts.mean(axis=1, keepdims=True)))
+        density = (abs(lines) ** 2).mean(axis=0) * (self._step / (math.pi * float(w @ w)))
+        density[[0, -1] if n % 2 == 0 else 0] /= 2.0  # all others stand for two frequencies
+        return np.asarray(density)
 
     @property
     def frequencies(self) -> Array:

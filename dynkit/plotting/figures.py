@@ -212,8 +212,14 @@ def save_figure(figure: Figure, stem: Path, resolution: float = 600.0) -> tuple[
     ['empty.png', 'empty.svg']
     """
     files = tuple(stem.with_name(f"{stem.name}{ending}") for ending in (".png", ".svg"))
-    for file in files:
-        write_figure("stem", file, figure, resolution)
+    engine = figure.get_layout_engine()
+    try:
+        for file in files:
+            write_figure("stem", file, figure, resolution)
+            figure.set_layout_engine("none")  # both have the layout of the first
+    finally:
+        if engine is not None:
+            figure.set_layout_engine(engine)
     return files
 
 

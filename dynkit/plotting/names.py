@@ -50,10 +50,15 @@ def write_names(axes: Axes, marks: list[tuple[Array, str]], size: float) -> None
     curves = _drawn(axes, point)
     curves = curves[np.argsort(curves[:, 0])]
     for points, name in marks:
+        pixels = axes.transData.transform(points)
+        seen = [axes.contains_point(pixel) for pixel in pixels]
+        if not any(seen):
+            continue
+        (first, *_), (corner, *_) = points[seen].tolist(), pixels[seen]
         best: Any = None
         text: Any = axes.annotate(
             name,
-            (0.0, 0.0),
+            first,
             xytext=(0, 0),
             textcoords="offset points",
             fontsize=size,
@@ -62,17 +67,17 @@ def write_names(axes: Axes, marks: list[tuple[Array, str]], size: float) -> None
             gid=_NAME,
         )
         text.marked = points
-        for x, y in points:
-            text.xy = (float(x), float(y))
-            for x_off, y_off in _PLACES:
-                place = (size * x_off, size * y_off)
-                box = _moved(text, place).padded(0.5 * point)
+        places = [(size * x_off, size * y_off) for x_off, y_off in _PLACES]
+        boxes = [_moved(text, place).padded(0.5 * point) for place in places]
+        for xy, way in zip(map(tuple, points[seen].tolist()), pixels[seen] - corner, strict=True):
+            for place, at_first in zip(places, boxes, strict=True):
+                box = at_first.translated(*way)
                 inside = frame.count_contains(box.corners()) == 4
                 if inside and not any(box.overlaps(other) for other in taken):
                     near = slice(*np.searchsorted(curves[:, 0], [box.x0, box.x1]).tolist())
                     covered = box.count_contains(curves[near])
                     if best is None or covered < best[0]:
-                        best = covered, text.xy, place
+                        best = covered, xy, place
         if best is None:
             text.remove()
         else:

@@ -38,6 +38,17 @@ def test_density_of_a_periodogram_sums_up_to_the_windowed_mean_square(count: int
     assert total == pytest.approx(expected, rel=1e-12)
 
 
+@pytest.mark.parametrize("segments", [1, 3, 8])
+@pytest.mark.parametrize("count", [1000, 1007, 1013])
+def test_density_is_that_of_welch(count: int, segments: int) -> None:
+    x = np.cumsum(noise(count))
+    spectrum = PowerSpectrum(x, interval=0.3, segments=segments)
+    length = round(2.0 * np.pi / (0.3 * spectrum.frequencies[1]))
+    used = x[:length] if segments == 1 else x
+    _, expected = signal.welch(used, 1.0 / 0.3, window="hann", nperseg=length)
+    np.testing.assert_allclose(spectrum.density, expected / (2.0 * np.pi), rtol=1e-11)
+
+
 def test_density_of_white_noise_sums_up_to_its_variance() -> None:
     x = noise(1 << 16)
     spectrum = PowerSpectrum(x, interval=0.3, segments=64)

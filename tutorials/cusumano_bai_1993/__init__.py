@@ -7,10 +7,9 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from contextlib import ExitStack
-from functools import cache
 from pathlib import Path
 from tempfile import TemporaryFile
-from typing import TYPE_CHECKING, TextIO
+from typing import TYPE_CHECKING, Any, TextIO
 
 from tutorials.cusumano_bai_1993.paper import FREQUENCIES, ITEMS
 
@@ -19,7 +18,11 @@ if TYPE_CHECKING:
     from tutorials.cusumano_bai_1993.workshop import Workshop
 
 BESIDE = ("figure-4-branches", "resonances")
-"""They take as long as all others together: a process of its own makes them meanwhile."""
+"""They take nearly half of the time: a second process makes the first one meanwhile, and then what
+is left, these first. It goes on with the last item while the first process is at the others."""
+
+_LEFT: list[Any] = []
+"""In the second process: where the items begin and end that are left."""
 
 
 def reproduce(out: str, only: Sequence[str] | None = None, *, log: TextIO) -> Path:
@@ -50,31 +53,39 @@ def reproduce(out: str, only: Sequence[str] | None = None, *, log: TextIO) -> Pa
     from multiprocessing import get_context
 
     from tutorials.cusumano_bai_1993.report import write_report
+    from tutorials.cusumano_bai_1993.summary import MACHINE, draw_machine
     from tutorials.cusumano_bai_1993.workshop import Workshop
 
     began = time.perf_counter()
     workshop = Workshop(folder)
     sections: dict[str, Section] = {}
+    order = [name for name in names if name not in BESIDE]
+    order += [name for name in reversed(BESIDE) if name in names]
+    beside = len(order) > 1 and order[-1] in BESIDE
+    context = get_context("spawn")
+    left = context.Array("i", [0, len(order) - beside])
     with ExitStack() as stack:
-        beside = [name for name in names if name in BESIDE and len(names) > 1]
         if beside:
-            pool = stack.enter_context(get_context("spawn").Pool(1, _leave_interrupts))
-            prepared = pool.apply_async(_prepare)
+            pool = stack.enter_context(context.Pool(1, _begin, (left,)))
+            others = pool.apply_async(_made, (folder, order))
+        draw_machine(folder, workshop.chain(FREQUENCIES[0]))
+        print(f"{MACHINE}: drawn", file=log, flush=True)
         print("compiling or loading the kernels: ", end="", file=log, flush=True)
         print(f"{workshop.warm_up():.1f} s", file=log, flush=True)
-        waiting = {name: pool.apply_async(_made, (folder, name)) for name in beside}
-        for name in sorted(names, key=waiting.__contains__):
+        while (place := _next(left, 0)) is not None:
+            name = order[place]
             print(f"{name}: ", end="", file=log, flush=True)
-            sections[name] = waiting[name].get() if name in waiting else _make(workshop, name)
-            note = ", meanwhile" if name in waiting else ""
-            print(f"{sections[name].total:.1f} s{note}", file=log, flush=True)
-        if beside:  # the other process ends by itself
-            prepared.get()
-            pool.close()
+            sections[name] = _make(workshop, name)
+            print(f"{sections[name].total:.1f} s", file=log, flush=True)
+        if beside:
+            for name, section in others.get().items():
+                sections[name] = section
+                print(f"{name}: {section.total:.1f} s, meanwhile", file=log, flush=True)
+            pool.close()  # the other process ends by itself
             pool.join()
     seconds = time.perf_counter() - began
-    chain, made = workshop.chain(FREQUENCIES[0]), [sections[name] for name in names]
-    report = write_report(folder, chain, made, workshop.warm_up(), seconds)
+    made = [sections[name] for name in names]
+    report = write_report(folder, made, workshop.warm_up(), seconds)
     print(f"written: {report} ({seconds:.1f} s in all)", file=log)
     return report
 
@@ -118,20 +129,31 @@ def _prepare() -> None:
     continue_orbit(orbit, "frequency", bounds=(0.399, 0.401))
 
 
-@cache
-def _beside(folder: Path) -> Workshop:
-    from tutorials.cusumano_bai_1993.workshop import Workshop
-
-    return Workshop(folder)
-
-
-def _made(folder: Path, name: str) -> Section:
-    """An item from the workshop of the other process."""
-    return _make(_beside(folder), name)
-
-
-def _leave_interrupts() -> None:
+def _begin(left: Any) -> None:
     """Ctrl-C is for the process that waits, which then ends this one."""
     import signal
 
     signal.signal(signal.SIGINT, signal.SIG_IGN)
+    _LEFT.append(left)
+
+
+def _made(folder: Path, order: Sequence[str]) -> dict[str, Section]:
+    """Items from the workshop of the other process: the last one, and what is left after it."""
+    from tutorials.cusumano_bai_1993.workshop import Workshop
+
+    _prepare()
+    workshop, made = Workshop(folder), {}
+    place: int | None = len(order) - 1
+    while place is not None:
+        made[order[place]] = _make(workshop, order[place])
+        place = _next(_LEFT[0], 1)
+    return made
+
+
+def _next(left: Any, end: int) -> int | None:
+    """Take the place of the first item that is left, or the last one: which both processes do."""
+    with left.get_lock():
+        if left[0] == left[1]:
+            return None
+        left[end] += 1 - 2 * end
+        return int(left[end]) - (1 - end)

@@ -9,11 +9,10 @@ from importlib.metadata import version
 from pathlib import Path
 
 from dynkit import __version__
-from dynkit.systems import ImpactChain
 from tutorials.cusumano_bai_1993 import paper
 from tutorials.cusumano_bai_1993.page import write_page, write_text
 from tutorials.cusumano_bai_1993.section import LOOK, Section, table
-from tutorials.cusumano_bai_1993.summary import HEAD, draw_machine, found, groups, pictures
+from tutorials.cusumano_bai_1993.summary import HEAD, found, groups, pictures
 
 _TITLE = "Cusumano & Bai (1993), reproduced"
 _OPENING = """\
@@ -25,7 +24,7 @@ All numbers found are computed by the run that wrote this report. All quantities
 
 
 def write_report(
-    folder: Path, chain: ImpactChain, sections: Sequence[Section], compiling: float, seconds: float
+    folder: Path, sections: Sequence[Section], compiling: float, seconds: float
 ) -> Path:
     """Write the report, as Markdown and as a page, and return the page's path."""
     times = [[section.item, f"{section.total:.2f}", _parts(section)] for section in sections]
@@ -46,7 +45,6 @@ def write_report(
         *(_written(section) for section in sections),
         f"## Cost\n\n{closing}",
     ]
-    draw_machine(folder, chain)
     write_text(folder / "report.md", "\n\n".join(part.strip() for part in parts) + "\n")
     return write_page(folder / "report.html", _TITLE, _OPENING, sections, [("Cost", closing)])
 
