@@ -211,12 +211,15 @@ def save_figure(figure: Figure, stem: Path, resolution: float = 600.0) -> tuple[
     ...     [file.name for file in save_figure(new_figure()[0], Path(folder, "empty"))]
     ['empty.png', 'empty.svg']
     """
+    from matplotlib import rc_context
+
     files = tuple(stem.with_name(f"{stem.name}{ending}") for ending in (".png", ".svg"))
     engine = figure.get_layout_engine()
     try:
         for file in files:
             write_figure("stem", file, figure, resolution)
-            figure.set_layout_engine("none")  # both have the layout of the first
+            with rc_context({"figure.autolayout": False, "figure.constrained_layout.use": False}):
+                figure.set_layout_engine(None)  # both have the layout of the first
     finally:
         if engine is not None:
             figure.set_layout_engine(engine)

@@ -2,13 +2,14 @@
 
 import io
 import re
+from multiprocessing import get_context
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 from dynkit.systems import ImpactChain
-from tutorials.cusumano_bai_1993 import reproduce
+from tutorials.cusumano_bai_1993 import _next, reproduce
 from tutorials.cusumano_bai_1993.__main__ import main
 from tutorials.cusumano_bai_1993.paper import ITEMS
 from tutorials.cusumano_bai_1993.settling import impacts_until_settled
@@ -39,6 +40,12 @@ def test_an_item_made_by_another_process_is_part_of_the_report(
     assert "s, meanwhile" in log.getvalue()
     assert cells((tmp_path / "report.md").read_text(), "200")[2].startswith("0.8500000000")
     assert (tmp_path / "figure-3.png").exists()
+
+
+def test_two_processes_take_each_item_once() -> None:
+    left = get_context("spawn").Array("i", [0, 5])
+    assert [_next(left, end) for end in (0, 1, 1, 0, 0)] == [0, 4, 3, 1, 2]
+    assert [_next(left, end) for end in (0, 1)] == [None, None]
 
 
 def cells(report: str, first: str) -> list[str]:
