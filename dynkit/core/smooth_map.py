@@ -8,9 +8,10 @@ from typing import Any, final
 import numpy as np
 
 from dynkit.core.differences import numerical_derivative, parameter_difference
+from dynkit.core.frames import stretched
 from dynkit.core.no_motion import Diverged, replaced
 from dynkit.core.parameters import Family
-from dynkit.core.stretching import Stretching, product_with_error, stretched
+from dynkit.core.stretching import Stretching, product_with_error
 from dynkit.core.validation import (
     Array,
     finite_array,
@@ -300,16 +301,16 @@ class SmoothMap(Family, ABC):
         """
         count = non_negative_integer("n", n)
         here = finite_array("state", state, (self.dimension,))
-        frame = self._frame(here) if frame is None else frame
+        frame = np.array(self._frame(here) if frame is None else frame, order="C")
         logs, errors = np.empty((2, count, frame.shape[1]))
         times = np.empty(count)
         done = 0
         while done < count:
             here, found, lasts = self._followed(here, count - done)
-            for factors, times[done] in zip(found, lasts, strict=True):
-                matrices, off, *lost = factors
-                frame, logs[done], errors[done] = stretched(matrices, off, frame, *lost)
-                done += 1
+            now = slice(done, done + len(found))
+            logs[now], errors[now] = stretched(found, frame)
+            times[now] = lasts
+            done = now.stop
         return Stretching(logs, errors, None if np.isnan(times).any() else times, here, frame)
 
     def _frame(self, state: Array) -> Array:  # noqa: ARG002

@@ -45,30 +45,6 @@ class Stretching:
             object.__setattr__(self, "final", self.state)
 
 
-def stretched(
-    factors: Array, errors: Array, frame: Array, lost: int = 0
-) -> tuple[Array, Array, Array]:
-    """Return the frame (d, k) after factors (n, d, d), the logs (k,) of its growth, their errors.
-
-    The columns of the frame are made orthonormal after each factor. The length of a direction is
-    that of its part orthogonal to the directions before it. Its log is minus infinity where the
-    length is zero, and NaN where the length is less than a thousand errors of the factor's entries.
-    Of each factor, `lost` lengths are known to be zero: the shortest ones are rounding.
-    """
-    logs, off = np.zeros((2, frame.shape[1]))
-    with np.errstate(divide="ignore", invalid="ignore"):
-        for factor, error in zip(factors, errors, strict=True):
-            frame, triangle = np.linalg.qr(factor @ frame)
-            lengths = abs(triangle.diagonal())
-            lengths[np.argsort(lengths)[:lost]] = 0.0
-            hidden = (lengths > 0.0) & (lengths <= CLEAR * error)
-            logs += np.where(hidden, np.nan, np.log(lengths))
-            off += error / lengths
-    # a length of zero is exact
-    off[np.isneginf(logs)] = 0.0
-    return frame, logs, off
-
-
 def product_with_error(factors: Array, errors: Array) -> tuple[Array, float]:
     """Return the product A_n ... A_1 of factors (n, d, d), and a bound of the error of an entry.
 

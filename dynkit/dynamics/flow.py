@@ -10,9 +10,10 @@ from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple, TypeAlias, final
 import numpy as np
 
 from dynkit.core.differences import numerical_derivative, parameter_difference
+from dynkit.core.frames import stretched
 from dynkit.core.no_motion import Diverged, replaced
 from dynkit.core.parameters import Family
-from dynkit.core.stretching import CLEAR, Stretching, stretched
+from dynkit.core.stretching import CLEAR, Stretching
 from dynkit.core.validation import (
     finite_array,
     finite_scalar,
@@ -319,7 +320,7 @@ class Flow(Family, ABC):
             parts = list(self._parts(here, duration, every_direction))
             derivatives = np.array([part.derivative for part in parts])
             wrong = np.array([part.error for part in parts])
-            here, (frame, logs[i], errors[i]) = parts[-1].end, stretched(derivatives, wrong, frame)
+            here, (logs[i], errors[i]) = parts[-1].end, stretched([(derivatives, wrong)], frame)
         return Stretching(logs, errors, np.full(count, duration), here, frame)
 
     def _parts(self, state: Array, duration: float, basis: Basis) -> Iterator[Part]:

@@ -47,8 +47,8 @@ if TYPE_CHECKING:
 
 TWO_PI = 2.0 * math.pi
 
-_IMPACTS, _NUMBERS = 32, 1_000_000
-"""Number of impacts, and of numbers in their derivatives, that are followed together."""
+_FEW, _MOST, _NUMBERS = 32, 512, 1_000_000
+"""Numbers of impacts, and of numbers in their derivatives, that are followed together."""
 
 
 @cache
@@ -357,15 +357,17 @@ class ImpactMap(DrivenStructure, Map):
     ) -> tuple[Array, list[tuple[Any, ...]], Sequence[float]]:
         start = self.impact_state(state)
         alone = self._motion is not None or start.closed
-        wanted = 1 if alone else max(1, min(most, _IMPACTS, _NUMBERS // self.dimension**2))
-        run = self._run(start, wanted, store=True)
-        if run.impacts < wanted:
-            raise NoCrossing(f"there is no next impact: {run.ending.value}")
-        modes = run.guards[run.log.guard[:-1], 0].tolist()
-        holding = {k for k in set(modes) if any(self._automaton.parts.grips(run.regimes[k]))}
-        cut = next((n for n, k in enumerate(modes, 1) if k in holding), wanted)
-        if cut < wanted:  # from there neighbouring states begin with what holds them
-            run = self._run(start, cut, store=True)
+        limit = 1 if alone else max(1, min(most, _MOST, _NUMBERS // self.dimension**2))
+        for wanted in (_FEW, limit) if limit > _FEW else (limit,):
+            run = self._run(start, wanted, store=True)
+            if run.impacts < wanted:
+                raise NoCrossing(f"there is no next impact: {run.ending.value}")
+            modes = run.guards[run.log.guard[:-1], 0].tolist()
+            holding = {k for k in set(modes) if any(self._automaton.parts.grips(run.regimes[k]))}
+            cut = next((n for n, k in enumerate(modes, 1) if k in holding), wanted)
+            if cut < wanted:  # from there neighbouring states begin with what holds them
+                run = self._run(start, cut, store=True)
+                break
         factors = derivatives(self, run)
         off = self.accuracy * np.linalg.norm(factors, axis=(1, 2))
         lost = lost_directions(self, run).tolist()

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from dynkit.core.frames import stretched
 from dynkit.core.no_motion import CannotFollow, NoCrossing
 from dynkit.core.stretching import Stretching
 from dynkit.core.validation import (
@@ -254,15 +255,14 @@ class SymbolicFlow(CodedFamily, Flow):
 
     def _stretched(self, state: Array, duration: float, count: int, parts: int) -> Stretching:
         """How intervals stretch a frame, each in so many parts."""
-        from dynkit.systems.symbolic import kernels
-
         d, here, n = self.dimension, state, count * parts
-        derivatives, (logs, errors) = np.empty((n, d, d)), np.empty((2, n, d))
+        derivatives = np.empty((n, d, d))
         for i in range(n):
             here, derivatives[i] = self._taylor.transition(self._numbers, here, duration / parts)
         frame = np.eye(d)
-        kernels.decompose(derivatives, self.accuracy, frame, logs, errors)
-        logs, errors = (each.reshape(count, parts, d).sum(axis=1) for each in (logs, errors))
+        off = (self.accuracy * np.linalg.norm(derivatives, axis=(1, 2))).reshape(count, parts)
+        steps = zip(derivatives.reshape(count, parts, d, d), off, strict=True)
+        logs, errors = stretched(list(steps), frame)
         return Stretching(logs, errors, np.full(count, duration), here, frame)
 
     def _part(self, state: Array, duration: float) -> Part:

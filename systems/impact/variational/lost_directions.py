@@ -11,6 +11,7 @@ from dynkit.core.validation import Array
 from dynkit.systems.impact.elements.element import RIDES
 from dynkit.systems.impact.elements.laws import ImpactLaw, rebound
 from dynkit.systems.impact.modes.structure import independent
+from dynkit.systems.impact.simulation.trajectory import grouped
 from dynkit.systems.impact.variational.saltation import along
 
 if TYPE_CHECKING:
@@ -37,7 +38,9 @@ def lost_directions(oscillator: DrivenStructure, run: Trajectory) -> NDArray[np.
     np.maximum.at(found, s.point[:-1], np.where(lasts > 0.0, taken, 0))
     if not oscillator._strobed:
         last = np.flatnonzero(s.point[1:] > s.point[:-1])
-        ends = [taken[k] + _at_impact(oscillator, run, k) for k in last.tolist()]
+        ends = taken[last]
+        for number, where in grouped(s.guard[last + 1]):
+            ends[where] += _at_impacts(oscillator, run, last[where], number)
         found = np.maximum(found, ends)
     return np.minimum(found, oscillator.dimension)
 
@@ -60,15 +63,25 @@ def _rank(oscillator: DrivenStructure, elements: tuple[int, ...]) -> int:
     return min(rank + len(functions), oscillator.degrees_of_freedom)
 
 
-def _at_impact(oscillator: DrivenStructure, run: Trajectory, k: int) -> int:
-    """Number of directions that the impact at the end of segment k takes."""
+def _at_impacts(oscillator: DrivenStructure, run: Trajectory, some: Any, number: int) -> Any:
+    """Number of directions that each impact at the end of some segments takes.
+
+    They are impacts of one guard.
+    """
     s, automaton = run.segments, oscillator._automaton
-    guard, point = automaton.guards[int(s.guard[k + 1])], int(s.point[k])
-    law = oscillator._stops[int(run.element[point])].restitution
+    guard = automaton.guards[number]
+    law = oscillator._stops[int(run.element[s.point[some[0]]])].restitution
     mode, bent = automaton.modes[guard.mode], oscillator._motion is not None
     varies = bent and automaton.parts.most_rubs > 0 and not mode.constant_kicks
     if not (isinstance(law, ImpactLaw) or guard.scrapes or varies):
         return int(law == 0.0)
+    return [_at_impact(oscillator, run, k, guard, law) for k in some.tolist()]
+
+
+def _at_impact(oscillator: DrivenStructure, run: Trajectory, k: int, guard: Any, law: Any) -> int:
+    """The same of the impact at the end of segment k."""
+    s, automaton = run.segments, oscillator._automaton
+    mode, bent = automaton.modes[guard.mode], oscillator._motion is not None
     lasts, first = s.begin[[k + 1]] - s.begin[k], np.zeros(1, dtype=np.intp)
     y = mode.after(s.states[[k]] if bent else s.of(mode, [k]), first, lasts)[0]
     rate, slips = _rates(automaton, guard, y) if bent else _sums(guard, y)

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import replace
+from itertools import pairwise
 from typing import TYPE_CHECKING, Any, final
 
 import numpy as np
@@ -43,9 +45,12 @@ def derivatives(oscillator: DrivenStructure, run: Trajectory) -> Array:
     check_order(oscillator, run)
     if oscillator._motion is not None:
         return _by_variations(oscillator, run.start, run)[None]
-    way = _Way(oscillator, run)
-    ends = [way.passed(k, begin) for k, begin in enumerate(way.lifted())]
-    return way.in_section(*map(np.array, zip(*ends, strict=True)))
+    way, shape = _Way(oscillator, run), (run.impacts, oscillator.dimension)
+    begin, laws, times = way.lifted(), np.empty(shape), np.empty(shape)
+    ends = np.empty_like(begin)
+    for points in way.alike():
+        ends[points], laws[points], times[points] = way.passed(points, begin[points])
+    return way.in_section(ends, laws, times)
 
 
 @final
@@ -60,9 +65,15 @@ class _Way:
         The first flight after each point.
     reached : (K,)
         Guard whose zero ends each flight: that of the impact where others reach theirs with it.
-    ends, flows, rates : lists of K arrays
-        State (2, slots) at the end, its derivative (2 slots, 2 slots) by that at the begin, and its
-        rate (2 slots,); None where no time passes.
+    flown : {int: (ends, flows, rates)}
+        Of each mode in which time passes the states (k, 2, slots) at the ends of its flights, their
+        derivatives (k, 2 slots, 2 slots) by those at the begins, and their rates (k, 2 slots).
+    place : (K,)
+        Number of each flight among those of its mode.
+    low : (K,)
+        Whether a flight is from a stop to the same one, and shorter than its gap's least step.
+        The gap and its rate would be differences, of which rounding leaves nothing after low
+        bounces.
     turns : (2, n + 1)
         Sine and cosine of the phase at the points.
     """
@@ -84,17 +95,24 @@ class _Way:
                     side = int(run.element[s.point[k]])
                     self.reached[k] = automaton.guard(guard.mode, side)
         count = len(self.lasts)
-        self.ends: list[Any] = [None] * count
-        self.flows, self.rates = self.ends.copy(), self.ends.copy()
+        self.place, self.low = np.zeros(count, dtype=np.intp), np.zeros(count, dtype=bool)
+        self.flown: dict[int, tuple[Array, Array, Array]] = {}
         for number, where in grouped(s.mode[:-1]):
             mode, here = self.modes[number], np.arange(count)[where]
             here = here[self.lasts[here] > 0.0]
             slots, lasts = np.arange(mode.layout.slots), self.lasts[here]
             ends = mode.after(s.of(mode, here), np.arange(len(here)), lasts)
             flows = mode.transitions(lasts, slots).matrices(slots)
-            rates = mode.rate(ends).reshape(len(here), 2 * len(slots))
-            for k, *found in zip(here.tolist(), ends, flows, rates, strict=True):
-                self.ends[k], self.flows[k], self.rates[k] = found
+            self.flown[number] = ends, flows, mode.rate(ends).reshape(len(here), 2 * len(slots))
+            self.place[here] = np.arange(len(here))
+        if self.hit:
+            left = np.array(self.first[:-1])
+            left = left[run.speeds[:-1] > 0.0]  # flights from an impact
+            for number, where in grouped(self.reached[left]):
+                guard, here = self.guards[number], left[where]
+                if guard.watch.event == IMPACT:
+                    back = run.sides[s.point[here]] == guard.element
+                    self.low[here] = back & (self.lasts[here] < guard.sum.smallest)
         self._seen: dict[tuple[int, int], Array] = {}
 
     def lifted(self) -> Array:
@@ -109,41 +127,61 @@ class _Way:
                 out[where, :, -1] = _turned(oscillator, side, *self.turns[:, :-1][:, where])
         return out
 
-    def passed(self, point: int, derivative: Array) -> tuple[Array, Array, Array]:
-        """Derivatives of the next point: of its free state (2 slots, d), its law and its time (d,).
+    def alike(self) -> Iterator[Any]:
+        """Numbers (m,) of points on whose ways to the next ones the same happens."""
+        s, first = self.run.segments, np.array(self.first)
+        told = s.mode[:-1], s.guard[1:], self.reached, self.lasts > 0.0, self.low, s.speed[1:] > 0.0
+        # friction that sticks before any time has passed
+        at_once = s.begin[1:] == s.begin[first[s.point[:-1]]]
+        flights = np.unique(np.column_stack([*told, at_once]), axis=0, return_inverse=True)[1]
+        kinds, found = flights.reshape(-1).astype(np.int64), dict[bytes, list[int]]()
+        for point, (begin, end) in enumerate(pairwise(self.first)):
+            found.setdefault(kinds[begin:end].tobytes(), []).append(point)
+        return map(np.array, found.values())
 
-        The derivative of this point's free state is (2 slots, d).
+    def passed(self, points: Any, derivative: Array) -> tuple[Array, Array, Array]:
+        """Derivatives of the next points after some that are `alike`.
+
+        Of their free states (m, 2 slots, d), their laws and their times (m, d). The derivatives of
+        these points' free states are (m, 2 slots, d).
         """
         oscillator, s = self.oscillator, self.run.segments
-        first, last = self.first[point], self.first[point + 1] - 1
-        derivative = self._seen_from(int(s.mode[first]), 0, derivative)
-        time = np.zeros(derivative.shape[1])
-        for k in range(first, last + 1):
-            guard = self.guards[s.guard[k + 1]]
-            mode = self.modes[guard.mode]
+        first = np.array(self.first)[points]
+        count = self.first[points[0] + 1] - self.first[points[0]]
+        derivative = self._seen_from(int(s.mode[first[0]]), 0, derivative)
+        time = np.zeros(derivative[:, 0].shape)
+        for step in range(count):
+            k = first + step
+            guard, last = self.guards[s.guard[k[0] + 1]], step == count - 1
             # a period of the forcing ends when it does
-            closes = k == last and not self.hit and not oscillator._cycled
+            closes = last and not self.hit and not oscillator._cycled
             y, rate, derivative, later = self._flown(
-                point, k, derivative, -time if closes else None
+                points, k, derivative, -time if closes else None
             )
             # Time also moves the phase: it is part of the rate, through sine and cosine.
-            derivative = derivative + np.outer(rate, later)
+            derivative = derivative + rate[:, :, None] * later[:, None]
             time += later
-            if k < last:
-                if guard.watch.event == HALT and s.begin[k + 1] == s.begin[first]:
+            if not last:
+                if guard.watch.event == HALT and s.begin[k[0] + 1] == s.begin[first[0]]:
                     derivative = _held_fast(oscillator, guard, derivative)
-                if guard.scrapes and s.speed[k + 1] > 0.0:
-                    _kept_slipping(oscillator, self.run, k + 1, y, derivative)
+                if guard.scrapes and s.speed[k[0] + 1] > 0.0:
+                    for i, number in enumerate(k.tolist()):
+                        _kept_slipping(oscillator, self.run, number + 1, y[i], derivative[i])
                 derivative = guard.change[:, :-1] @ derivative
         law = 0.0 * time
         if self.hit:
-            stop, row = oscillator._stops[int(self.run.element[point])], along(guard.sum, 2)
+            stop = oscillator._stops[int(self.run.element[points[0]])]
+            row, states = along(guard.sum, 2), y.reshape(len(y), -1)
             law = row @ derivative
-            slope = _slope(stop, float(row @ y.ravel()), float(self.run.log.speed[point]))
+            slope = _slopes(stop, states @ row, self.run.log.speed[points])
+            mode = self.modes[guard.mode]
             kick = mode.placed(stop.sign * mode.contact(stop.row(oscillator._size)).kick[:2])
-            rubs = [scraped(part, slope, guard.sum, y, derivative) for part in guard.scrapes]
-            derivative = derivative + sum(rubs, reset(slope, kick.ravel(), law))
-            law = -slope * law
+            change = reset(slope[:, None, None], kick.ravel(), law)
+            for i in range(len(points)) if guard.scrapes else ():
+                own = float(slope[i]), guard.sum, y[i], derivative[i]
+                change[i] += sum(scraped(part, *own) for part in guard.scrapes)
+            derivative = derivative + change
+            law = -slope[:, None] * law
         return self._seen_from(0, guard.mode, derivative), law, time
 
     def in_section(self, derivatives: Array, laws: Array, times: Array) -> Array:
@@ -172,42 +210,33 @@ class _Way:
         return out
 
     def _flown(
-        self, point: int, k: int, derivative: Array, given: Array | None
+        self, points: Any, k: Any, derivative: Array, given: Array | None
     ) -> tuple[Array, Array, Array, Array]:
-        """State, rate and derivative (2 slots, d) after a flight, and by how much later it ends.
+        """States, rates and derivatives (m, 2 slots, d) after flights, and by how much later.
 
-        The latter may be given.
+        The latter, (m, d), may be given.
         """
-        s, reached = self.run.segments, self.guards[self.reached[k]]
-        mode, row = self.modes[reached.mode], along(reached.sum, 0)
+        s, reached = self.run.segments, self.guards[self.reached[k[0]]]
+        mode, row, count = self.modes[reached.mode], along(reached.sum, 0), len(k)
+        if self.lasts[k[0]] > 0.0 and not self.low[k[0]]:
+            y, flows, rate = (each[self.place[k]] for each in self.flown[int(s.mode[k[0]])])
+            derivative = flows @ derivative
+            later = _later(row @ derivative, rate @ row) if given is None else given
+            return y, rate, derivative, later
         begin = s.of(mode, k)
-        if self.ends[k] is None:
-            rate = mode.rate(begin).ravel()
-            speed, value = float(row @ rate), float(row @ begin.ravel()) + reached.sum.offset
-            later = 0.0 * (row @ derivative) if given is None else given
-            own = s, k, reached, value, row * rate, self.oscillator.frequency
-            if given is None and comes_by_itself(*own):
-                later = -(row @ derivative) / speed
-            return begin, rate, derivative, later
-        if not self._flies_low(point, k, reached):
-            flown, rate = self.flows[k] @ derivative, self.rates[k]
-            later = _later(row @ flown, float(row @ rate)) if given is None else given
-            return self.ends[k], rate, flown, later
-        risen, moved = _low_flight(mode, begin, derivative, float(self.lasts[k]))
-        y = begin + risen
-        speed = float(self.run.speeds[point] + along(reached.sum, 2) @ risen.ravel())
-        later = _later(along(reached.sum, 0) @ moved, speed)
-        return y, mode.rate(y).ravel(), derivative + moved, later
-
-    def _flies_low(self, point: int, k: int, reached: Any) -> bool:
-        """Whether a flight is from a stop to the same one, and shorter than its gap's least step.
-
-        The gap and its rate would be differences, of which rounding leaves nothing after low
-        bounces.
-        """
-        returns = reached.watch.event == IMPACT and reached.element == self.run.sides[point]
-        from_impact = self.hit and k == self.first[point] and self.run.speeds[point] > 0.0
-        return bool(from_impact and returns and self.lasts[k] < reached.sum.smallest)
+        if self.low[k[0]]:
+            risen, moved = _low_flights(mode, begin, derivative, self.lasts[k])
+            speeds = self.run.speeds[points] + risen.reshape(count, -1) @ along(reached.sum, 2)
+            y, derivative = begin + risen, derivative + moved
+            return y, mode.rate(y).reshape(count, -1), derivative, _later(row @ moved, speeds)
+        rate, risen = mode.rate(begin).reshape(count, -1), row @ derivative
+        later = 0.0 * risen if given is None else given
+        values = begin.reshape(count, -1) @ row + reached.sum.offset
+        for i in range(count) if given is None else ():
+            own = s, int(k[i]), reached, float(values[i]), row * rate[i], self.oscillator.frequency
+            if comes_by_itself(*own):
+                later[i] = -risen[i] / float(row @ rate[i])
+        return begin, rate, derivative, later
 
     def _seen_from(self, number: int, other: int, derivative: Array) -> Array:
         """A derivative (2 slots, d) of states of another mode, as that of states of a mode."""
@@ -241,7 +270,7 @@ def _by_variations(oscillator: DrivenStructure, state: ImpactState, run: Traject
     mode = oscillator._automaton.modes[guard.mode]
     stop, (sine, cosine) = oscillator._stops[side], end[:, -1].tolist()
     rate, speed = float(mode.gap(side, *end[:, :n], sine, cosine)[1]), float(run.log.speed[-1])
-    slope = _slope(stop, rate, speed)
+    slope = float(_slopes(stop, np.array([rate]), np.array([speed]))[0])
     if isinstance(stop.restitution, float):
         r, rate = slope, -speed / slope if slope else rate
     else:
@@ -267,7 +296,7 @@ def _held_fast(oscillator: DrivenStructure, guard: Any, derivative: Array) -> Ar
     kicks = [mode.placed(mode.contact(row).kick[:2]).ravel() for row in rows]
     kick = np.linalg.solve(rows @ pushes, np.eye(len(rows))[-1]) @ kicks
     slip = along(guard.sum, 0) / (guard.watch.rate * oscillator._elements[guard.element].sign)
-    return np.asarray(derivative - np.outer(kick, slip @ derivative))
+    return np.asarray(derivative - kick[:, None] * (slip @ derivative)[:, None])
 
 
 def _kept_slipping(
@@ -293,15 +322,16 @@ def _kept_slipping(
         y = y + change * part.kick[:2]
 
 
-def _slope(stop: HardStop, rate: float, speed: float) -> float:
-    """Slope of the velocity with which a stop is left over that of the approach, at an impact."""
+def _slopes(stop: HardStop, rates: Array, speeds: Array) -> Array:
+    """Slopes (m,) of the velocity with which a stop is left over that of the approach."""
     law = stop.restitution
     if not isinstance(law, ImpactLaw):
-        return law
-    (approach,) = law.approach(np.array([-rate]), np.array([speed])).tolist()
-    if law.jumps(approach):
-        raise NoDerivative(f"the impact law jumps at the approach velocity {approach}")
-    return float(law.slope(np.array([approach]))[0])
+        return np.full(len(rates), law)
+    approach = law.approach(-rates, speeds)
+    for velocity in approach.tolist():
+        if law.jumps(velocity):
+            raise NoDerivative(f"the impact law jumps at the approach velocity {velocity}")
+    return np.asarray(law.slope(approach))
 
 
 def _lift(oscillator: DrivenStructure, state: ImpactState) -> Array:
@@ -357,21 +387,23 @@ def _turned(oscillator: DrivenStructure, side: int, sine: Array, cosine: Array) 
     return np.asarray(out.reshape(len(sine), -1))
 
 
-def _later(risen: Array, speed: float) -> Array:
-    """Derivatives (d,) of the time of an event whose guard falls at a speed."""
-    if not speed:
+def _later(risen: Array, speeds: Array) -> Array:
+    """Derivatives (m, d) of the times of events whose guards fall at some speeds."""
+    if not speeds.all():
         raise TangentCrossing("an event of the motion grazes, to rounding")
-    return -risen / speed
+    return -risen / speeds[:, None]
 
 
-def _low_flight(mode: Mode, y: Array, derivative: Array, duration: float) -> tuple[Array, Array]:
-    """Changes of a state (2, slots), and of its derivative (2 slots, d), by a flight.
+def _low_flights(mode: Mode, y: Array, derivative: Array, durations: Array) -> tuple[Array, Array]:
+    """Changes of states (m, 2, slots), and of their derivatives (m, 2 slots, d), by flights.
 
     They are Taylor series: what is small beside the state keeps its digits.
     """
-    term = np.concatenate([y[None], derivative.T.reshape(-1, *y.shape)])
+    count, slots, d = derivative.shape
+    others = derivative.swapaxes(1, 2).reshape(count, d, *y.shape[1:])
+    term = np.concatenate([y[:, None], others], axis=1)
     total = np.zeros_like(term)
     for k in range(1, _ORDERS):
-        term = mode.rate(term) * (duration / k)
+        term = mode.rate(term) * (durations / k)[:, None, None, None]
         total += term
-    return total[0], total[1:].reshape(derivative.shape[1], -1).T
+    return total[:, 0], total[:, 1:].reshape(count, d, slots).swapaxes(1, 2)

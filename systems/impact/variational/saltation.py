@@ -55,9 +55,12 @@ def falls(value: float, rates: Array, frequency: float) -> bool:
     return speed < -_AT_ONCE * size and abs(value) * frequency <= -_AT_ONCE * speed
 
 
-def reset(slope: float, kick: Array, by_rate: Array) -> Array:
-    """Change of disturbances (d, k) by an impact, from the rates of the gap (k,) that they have."""
-    return -(1.0 + slope) * np.outer(kick, by_rate)
+def reset(slope: float | Array, kick: Array, by_rate: Array) -> Array:
+    """Change of disturbances (..., d, k) by impacts, from the rates (..., k) of the gap.
+
+    Slopes are one, or (..., 1, 1).
+    """
+    return np.asarray(-(1.0 + slope) * (kick[:, None] * by_rate[..., None, :]))
 
 
 def slowed(part: Any, jump: float, y: Array) -> Array:

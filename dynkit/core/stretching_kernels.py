@@ -1,0 +1,135 @@
+"""QR decompositions along a motion: growth of a frame of directions."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dynkit.core.jit import kernel
+from dynkit.core.stretching import CLEAR
+from dynkit.core.validation import Array
+
+
+@kernel(entry=True)
+def decompose(
+    matrices: Array, off: Array, lost: NDArray[np.intp], frame: Array, logs: Array, errors: Array
+) -> None:
+    """Carry a frame (d, k) by matrices (n, d, d), each with its error and lost directions: `carry`.
+
+    All but the errors (n,) and lost directions (n,) are modified in place.
+    """
+    for i in range(len(matrices)):
+        carry(matrices[i], frame, off[i], lost[i], logs[i], errors[i])
+
+
+@kernel()
+def carry(matrix: Array, frame: Array, error: float, lost: int, logs: Array, errors: Array) -> None:
+    """Carry a frame (d, k) by a matrix (d, d); logarithms (k,) of lengths, and their errors.
+
+    The columns of the frame are made orthonormal. The length of a direction is that of its part
+    orthogonal to the directions before it. Its log is minus infinity where the length is zero, and
+    NaN where the length is less than a thousand errors of the matrix' entries. So many lengths as
+    are known to be lost are zero: the shortest ones are rounding. All arrays are modified in place.
+    """
+    k = frame.shape[1]
+    for row in matrix:
+        _row_times(row, frame, logs)
+    _decompose(matrix, frame, logs)
+    for _ in range(min(lost, k)):
+        shortest = -1
+        for j in range(k):
+            if logs[j] >= 0.0 and (shortest < 0 or logs[j] < logs[shortest]):
+                shortest = j
+        logs[shortest] = -1.0
+    for j in range(k):
+        length = max(logs[j], 0.0)
+        logs[j] = np.log(length) if length != 0.0 else -np.inf
+        errors[j] = error / length if length != 0.0 else 0.0
+        if 0.0 < length <= CLEAR * error:
+            logs[j] = np.nan
+
+
+@kernel()
+def _row_times(row: Array, frame: Array, room: Array) -> None:
+    """Put the product of a row (d,) with a frame (d, k) into its first k numbers."""
+    d, count = frame.shape
+    for k in range(count):
+        total = 0.0
+        for j in range(d):
+            total += row[j] * frame[j, k]
+        room[k] = total
+    for k in range(count):
+        row[k] = room[k]
+
+
+@kernel()
+def _decompose(matrix: Array, frame: Array, lengths: Array) -> None:
+    """QR of k columns of a matrix (d, d): the frame is Q, the lengths are R's diagonal.
+
+    All are modified.
+
+    By Gram and Schmidt, each column twice where the first time leaves less than half of it: W.
+    Hoffmann, Iterative algorithms for Gram-Schmidt orthogonalization, Computing 41 (1989) 335-348.
+    """
+    d, count = frame.shape
+    for k in range(count):
+        before = _size(matrix, k)
+        _make_orthogonal(matrix, k)
+        lengths[k] = _size(matrix, k)
+        if lengths[k] < 0.5 * before:
+            _make_orthogonal(matrix, k)
+            lengths[k] = _size(matrix, k)
+        if lengths[k] == 0.0:
+            _complete(matrix, k)
+        else:
+            for j in range(d):
+                matrix[j, k] /= lengths[k]
+    for j in range(d):
+        for k in range(count):
+            frame[j, k] = matrix[j, k]
+
+
+@kernel()
+def _complete(matrix: Array, k: int) -> None:
+    """Make column k, modified in place, any direction orthogonal to those before it."""
+    d = len(matrix)
+    for place in range(d):
+        for j in range(d):
+            matrix[j, k] = 1.0 if j == place else 0.0
+        _make_orthogonal(matrix, k)
+        _make_orthogonal(matrix, k)
+        size = _size(matrix, k)
+        if size > 0.5 / d:  # one of the d unit vectors is as far from k others
+            for j in range(d):
+                matrix[j, k] /= size
+            return
+
+
+@kernel()
+def _make_orthogonal(matrix: Array, k: int) -> None:
+    """Make column k of a matrix, modified in place, orthogonal to those before it."""
+    d = len(matrix)
+    for column in range(k):
+        along = 0.0
+        for j in range(d):
+            along += matrix[j, column] * matrix[j, k]
+        for j in range(d):
+            matrix[j, k] -= along * matrix[j, column]
+
+
+@kernel()
+def _size(matrix: Array, k: int) -> float:
+    """The length of column k; where squares would vanish or overflow, too."""
+    total = 0.0
+    for j in range(len(matrix)):
+        total += matrix[j, k] * matrix[j, k]
+    if 1e-250 < total < 1e250:
+        return float(np.sqrt(total))
+    largest, total = 0.0, 0.0
+    for j in range(len(matrix)):
+        largest = max(largest, abs(matrix[j, k]))
+    if largest == 0.0 or not np.isfinite(largest):
+        return largest
+    for j in range(len(matrix)):
+        total += (matrix[j, k] / largest) ** 2
+    return float(largest * np.sqrt(total))
