@@ -22,7 +22,7 @@ from dynkit.continuation.points import Point, beside, interpolated
 from dynkit.continuation.test_functions import are_real, crossings, examine, resonances, turns
 from dynkit.core.validation import Array
 from dynkit.orbits.equations import Problem
-from dynkit.orbits.events import events_of
+from dynkit.orbits.events import WatchedProblem
 from dynkit.orbits.kinds import BifurcationKind
 from dynkit.orbits.newton import NoSolution, correct, error_bound
 
@@ -195,7 +195,7 @@ def _examined_middle(
 ) -> Point | None:
     """A point at a part of the step; elsewhere within it where there is no such orbit there.
 
-    For an event only the events of its orbit are computed.
+    For an event only that of its orbit is computed.
     """
     length = float(np.linalg.norm((after.y - before.y) / before.scale))
     for part in (first, *_PARTS):
@@ -207,8 +207,10 @@ def _examined_middle(
             with suppress(NoSolution):
                 if crossing.event < 0:
                     return replace(middle, seen=examine(problem, middle))
-                events = events_of(problem, middle.y[:-1], middle.y[-1:])
-                return replace(middle, seen=replace(before.seen, events=events))
+                assert isinstance(problem, WatchedProblem)
+                events, own = list(before.seen.events), crossing.event
+                events[own] = problem.event(own, middle.y[:-1], middle.y[-1:])
+                return replace(middle, seen=replace(before.seen, events=tuple(events)))
     return None
 
 

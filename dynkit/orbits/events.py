@@ -71,8 +71,9 @@ class WatchedProblem(Problem):
 
     A subclass may implement:
 
-    4. ``touching``, place and time of the contact at a zero;
-    5. ``neighbours``, orbits of other kinds that meet this one at a zero.
+    4. ``event``, one of the events, computed faster;
+    5. ``touching``, place and time of the contact at a zero;
+    6. ``neighbours``, orbits of other kinds that meet this one at a zero.
     """
 
     @abstractmethod
@@ -89,6 +90,10 @@ class WatchedProblem(Problem):
     @abstractmethod
     def admissible(self, x: Array, p: Array) -> bool:
         """Whether a solution is a motion of the system: no missing impact, no tensile impulse."""
+
+    def event(self, number: int, x: Array, p: Array) -> Event:
+        """Return event number `number` of a solution."""
+        return self.events(x, p)[number]
 
     def touching(
         self,

@@ -175,6 +175,14 @@ def events_have_conditions(problem: Problem, x: Array, p: Array) -> None:
         "events come in the same order",
         f"got {events}, then {again}",
     )
+    alone = [problem.event(i, x, p) for i in range(len(events))]
+    values, others = ([event.value for event in part] for part in (events, alone))
+    require(
+        np.array_equal(values, others, equal_nan=True)
+        and [event.ends for event in alone] == [event.ends for event in events],
+        "each event alone is the same",
+        f"got {events}, then {alone}",
+    )
     admissible = problem.admissible(x, p)
     require(admissible in (True, False), "admissible is true or false", f"got {admissible!r}")
     for i, event in enumerate(events):

@@ -7,7 +7,7 @@ import pytest
 from scipy.linalg import expm
 
 from dynkit.core.differences import STEP
-from dynkit.systems.impact.orbits.exponentials import carried, changed, lifted
+from dynkit.systems.impact.orbits.exponentials import carried, changed, gained, lifted
 from dynkit.systems.impact.orbits.itineraries.chatter_kernels import carry
 
 
@@ -30,15 +30,21 @@ def test_a_kernel_carries_changes_as_products_of_matrices_do() -> None:
     assert delayed[1] == pytest.approx(late, rel=1e-12)
 
 
-def test_changes_of_a_flow_are_those_of_its_exponential() -> None:
+@pytest.mark.parametrize("leading", [6, 2, 0], ids=["all", "two coordinates", "none"])
+def test_changes_of_a_flow_are_those_of_its_exponential(leading: int) -> None:
     random = np.random.default_rng(1)
     flow, change = random.normal(size=(2, 6, 6))
+    flow[:leading, leading:] = change[:, leading:] = 0.0
     states, times = random.normal(size=(4, 6)), np.array([2.0, 0.5, 1e-3, 1e-9])
-    both = np.block([[flow, np.zeros((6, 6))], [change, flow]])
-    found = carried(flow + 1j * STEP * change, states, times)
-    for z, t, own, less_one in zip(states, times, found, lifted(flow, times), strict=True):
+    both, complex_flow = np.block([[flow, np.zeros((6, 6))], [change, flow]]), flow + 0j
+    complex_flow.imag = STEP * change
+    found = carried(complex_flow, states, times)
+    units = np.array([1.0, 2.0, 3.0, 1.0, 0.5, 1.0])
+    long = gained(np.stack([complex_flow] * 4), states, times, units)
+    for z, t, *own, less_one in zip(states, times, found, long, lifted(flow, times), strict=True):
         exact = expm(both * t)
-        assert own == pytest.approx(exact[6:, :6] @ z, rel=1e-12, abs=1e-13 * t)
+        for each in own:
+            assert each == pytest.approx(exact[6:, :6] @ z, rel=1e-12, abs=1e-13 * t)
         assert less_one == pytest.approx(exact[:6, :6] - np.eye(6), rel=1e-12, abs=1e-14)
 
 

@@ -7,6 +7,7 @@ from functools import partial
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from dynkit.core.differences import STEP
 from dynkit.core.validation import Array
@@ -22,9 +23,6 @@ _WEIGHTS = np.array([1.0 / math.factorial(k) for k in range(4 * _BLOCK)]).reshap
 
 _BRIEF, _LONGEST = 4.0, 2.0**50
 """Norm of A t up to which a series loses few digits; largest norms."""
-
-_SLOWEST, _NEGLIGIBLE = 6, 1e-18
-"""Terms of a series are negligible beside one of this order in the time, and so beside all."""
 
 
 def lifted(flow: Array, times: Array) -> Array:
@@ -47,25 +45,59 @@ def carried(flow: Any, states: Array, times: Array) -> Array:
 
     Series of the states (k, D) at the begin, and of their changes, for times that are not long.
     """
-    size, out = _norm(flow) * times, np.zeros(states.shape)
-    long, brief = np.flatnonzero(size > _BRIEF), np.flatnonzero(size <= _BRIEF)
-    if len(long):
-        flown = exponentials(flow * times[long, None, None])
-        out[long] = (flown.imag / STEP @ states[long, :, None])[..., 0]
-    if len(brief):
-        brief = brief[np.argsort(-size[brief])]
-        own, change, terms, lasts = flow.real, flow.imag / STEP, states[brief].T, times[brief]
-        later = change @ terms * lasts
-        total, orders = later.copy(), np.arange(2.0, 18.0 + 4.0 * size[brief[0]])[:, None]
-        left = np.cumprod(np.where(orders > _SLOWEST, size[brief], 1.0) / orders, axis=0)
-        counts = np.count_nonzero(left > _NEGLIGIBLE, axis=1)
-        for k, count in enumerate(counts[counts > 0].tolist(), 2):
-            terms, later, lasts = terms[:, :count], later[:, :count], lasts[:count]
-            terms = own @ terms * (lasts / (k - 1))
-            later = (own @ later + change @ terms) * (lasts / k)
-            total[:, :count] += later
-        out[brief] = total.T
+    size, out, some = _norm(flow) * times, np.zeros(states.shape), _leading(flow[None])
+    brief, d, count = size <= _BRIEF, len(flow), len(some)
+    if not count:
+        return out
+    if not brief.all():
+        flows = np.broadcast_to(flow, (int((~brief).sum()), *flow.shape))
+        out[~brief] = gained(flows, states[~brief], times[~brief], np.ones(len(flow)))
+    if brief.any():
+        unit = float(times[brief].max()) or 1.0
+        (both,) = _beside(unit * flow[None], some)
+        orders = np.arange(1, 18 + int(4.0 * size[brief].max()))
+        terms = np.zeros((len(orders) + 1, d + count, count))
+        terms[0, d:] = np.eye(count)
+        for k in orders.tolist():
+            np.matmul(both, terms[k - 1] / k, out=terms[k])
+        weights = (times[brief, None] / unit) ** orders
+        moved = weights @ terms[1:, :d].reshape(len(orders), -1)
+        out[brief] = (moved.reshape(-1, d, count) @ states[brief][:, some, None])[..., 0]
     return out
+
+
+def gained(flows: Any, states: Array, times: Array, measures: Array) -> Array:
+    """Changes (k, D) of states after times (k,) by the imaginary changes of flows (k, D, D)."""
+    scaled, d = _scaled(flows, times, measures), flows.shape[1]
+    some, begun = _leading(flows), states / measures
+    if not len(some):
+        return np.zeros(states.shape)
+    if 2 * len(some) > d:
+        found = (exponentials(scaled).imag / STEP @ begun[:, :, None])[..., 0]
+    else:
+        both = exponentials(_beside(scaled, some))
+        found = (both[:, :d, d:] @ begun[:, some, None])[..., 0]
+    return np.asarray(found * measures)
+
+
+def _beside(flows: Any, some: NDArray[np.intp]) -> Array:
+    """Flows (k, d, d), and beside them what their changes make of coordinates that lead."""
+    d, size = flows.shape[1], flows.shape[1] + len(some)
+    out = np.zeros((len(flows), size, size))
+    out[:, :d, :d], out[:, :d, d:] = flows.real, flows.imag[:, :, some] / STEP
+    out[:, d:, d:] = flows.real[:, some][:, :, some]
+    return out
+
+
+def _leading(flows: Any) -> NDArray[np.intp]:
+    """Numbers of the coordinates that changes of flows act along, and that lead these.
+
+    They evolve by themselves: those of the phase where the frequency changes.
+    """
+    links, some = flows.real.any(axis=0), flows.imag.any(axis=(0, 1))
+    while (more := some | links[some].any(axis=0)).sum() > some.sum():
+        some = more
+    return np.flatnonzero(some)
 
 
 def exponentials(matrices: Any) -> Any:
@@ -102,8 +134,9 @@ def _doubled(matrices: Any, one: float) -> Any:
         out = out @ block + part
     with np.errstate(over="ignore", invalid="ignore"):
         for k in range(int(halvings.max(initial=0))):
-            some = halvings > k
-            out[some] = out[some] @ out[some] + (2.0 - 2.0 * one) * out[some]
+            some = np.flatnonzero(halvings > k)
+            half = out[some]
+            out[some] = half @ half if one else half @ half + 2.0 * half
     return out
 
 
@@ -135,5 +168,8 @@ def changed(flows: Any, lasts: Any, measures: Array) -> Any:
 
 
 def _measured(function: Any, flows: Any, lasts: Any, measures: Array) -> Any:
-    scaled = flows * measures / measures[:, None] * np.asarray(lasts)[:, None, None]
-    return np.asarray(function(scaled)) * measures[:, None] / measures
+    return np.asarray(function(_scaled(flows, lasts, measures))) * measures[:, None] / measures
+
+
+def _scaled(flows: Any, lasts: Any, measures: Array) -> Any:
+    return flows * measures / measures[:, None] * np.asarray(lasts)[:, None, None]

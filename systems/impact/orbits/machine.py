@@ -16,6 +16,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
+from copy import copy
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any, NamedTuple, final
 
@@ -35,6 +36,9 @@ if TYPE_CHECKING:
 
 _OF_REGIME, _OF_GUARD, _LEVEL = 4, 6, 4
 """Numbers of what a regime does, and of each of its guards."""
+
+_LASTING = "gap", "kick", "_pushed", "shift", "put_on", "_response"
+"""What a machine keeps that does not depend on the frequency."""
 
 _AGREEMENT = 1e-12
 _DIFFERENCE = 1e-3
@@ -239,7 +243,7 @@ class Machine:
         self.size, self.changes = oscillator.degrees_of_freedom, change is not None
         self.elements = oscillator._elements
         self.free = Regimes((0,) * len(self.elements), ())
-        numbers: Any = numbers_of(oscillator)
+        self._numbers = numbers = numbers_of(oscillator)
         if change is not None:
             numbers = numbers + 1j * STEP * change[: len(numbers)]
         self.frequency, forces, matrices, self._own, *_ = Numbers.split(oscillator, numbers)
@@ -252,6 +256,29 @@ class Machine:
         self._given: Any = np.hstack([-self.stiffness, -self.damping, beside, forces.T])
         sizes = [[_OF_REGIME + _OF_GUARD * len(r.guards) for r in e.regimes] for e in self.elements]
         self._begins = [np.cumsum([5, *own]).tolist() for own in sizes]
+
+    def like(self, oscillator: DrivenStructure) -> Machine:
+        """That of another oscillator; it shares what it can where the frequency alone differs."""
+        numbers = numbers_of(oscillator)
+        same = oscillator._elements == self.elements
+        if same and np.array_equal(numbers[1:], self._numbers[1:]):
+            return self._turned(numbers[0], numbers)
+        return Machine(oscillator)
+
+    def changed(self, oscillator: DrivenStructure, change: tuple[Array, Numbers]) -> Machine:
+        """That of its oscillator with changes of the numbers, whole and in parts."""
+        whole, parts = change
+        if parts.clock_alone:
+            return self._turned(self.frequency + 1j * STEP * parts.frequency, self._numbers)
+        return Machine(oscillator, whole)
+
+    def _turned(self, frequency: Any, numbers: Array) -> Machine:
+        out, known = copy(self), vars(self).get("_kept", {})
+        out.frequency, out._numbers, out.changes = frequency, numbers, np.iscomplexobj(frequency)
+        vars(out)["_kept"] = {
+            key: own for key, own in known.items() if key[0] in _LASTING or key[-1] is None
+        }
+        return out
 
     def closed(self, element: int) -> Regimes:
         """Contact with one stop, the others open."""
@@ -330,7 +357,7 @@ class Machine:
     def rate(self, element: int) -> Any:
         """Row of the rate of the gap, or of slip."""
         n, place = self.size, self._place(element)
-        row = np.zeros_like(place)
+        row = np.zeros(len(place), dtype=np.result_type(place, self.frequency))
         row[n : 2 * n] = self._along[element]
         row[-3], row[-2] = self.frequency * place[-2], -self.frequency * place[-3]
         row[-1] = -self._own[element][3]
@@ -435,12 +462,16 @@ class Machine:
         out: Any = np.eye(len(self._given[0]))
         if set(after.held) - set(mode.held):
             n, rows = self.size, self._rows(after.held)
-            signs = [self.elements[k].sign for k in after.held]
-            rates = np.array([self.rate(k) for k in after.held]) * np.array(signs)[:, None]
-            response = np.linalg.solve(self.mass, self._pushes(after))
+            rates = np.array([self.elements[k].sign * self.rate(k) for k in after.held])
+            response = self._response(after)
             out = out.astype(np.result_type(rates, response))
             out[n : 2 * n] -= response @ np.linalg.solve(rows @ response, rates)
         return self.slid(after) @ out if self.sliders else out
+
+    @kept
+    def _response(self, mode: Regimes) -> Any:
+        """(N, h) changes of velocities by unit impulses along what is held, with friction."""
+        return np.linalg.solve(self.mass, self._pushes(mode))
 
     def slid(self, after: Regimes) -> Any:
         """(D, D): what slides after an event is where its spring bears it."""
@@ -456,14 +487,14 @@ class Machine:
 
     def _forced(self, mode: Regimes) -> Any:
         """Forces (N, D) in a mode, but for those of what is held."""
-        given = self._given.copy()
+        given = self._given
         for k, element in enumerate(self.elements):
             push, stiffness, damping, _ = self._regime(mode.numbers[k], k)[:_OF_REGIME]
             if push or stiffness or damping:
                 along = self.stretch(k) if k in self.sliders else self.gap(k)
                 force: Any = -stiffness * along - damping * self.rate(k)
                 force[-1] += push
-                given += element.sign * np.outer(self._along[k], force)
+                given = given + element.sign * np.outer(self._along[k], force)
         return given
 
     def dashpots(self, mode: Regimes) -> list[float]:
@@ -485,19 +516,17 @@ class Machine:
     @kept
     def _mode(self, mode: Regimes) -> tuple[Any, Any]:
         """Its flow, and rows of the forces along what is held."""
-        n, w, given = self.size, self.frequency, self._forced(mode)
+        n, w, d = self.size, self.frequency, len(self._given[0])
         rows = self._rows(mode.held)
-        both = np.linalg.solve(self.mass, np.hstack([given, self._pushes(mode)]))
-        d = len(given[0])
+        both = self._driven(mode, w if any(self.dashpots(mode)) else None)
         accelerations, by_force = both[:, :d], both[:, d:]
         forces: Any = np.zeros((0, d))
         if mode.held:
-            prescribed = np.array([self._place(k) for k in mode.held])
-            prescribed[:, -3:-1] *= -w * w
+            prescribed = np.array([self._place(k) for k in mode.held]) * (-w * w)
             prescribed[:, -1] = 0.0
             forces = np.linalg.solve(rows @ by_force, prescribed - rows @ accelerations)
             accelerations = accelerations + by_force @ forces
-        out = np.zeros((d, d), dtype=accelerations.dtype)
+        out = np.zeros((d, d), dtype=np.result_type(accelerations, w))
         out[:n, n : 2 * n] = np.eye(n)
         out[n : 2 * n] = accelerations
         for k, place in self.sliders.items():
@@ -507,6 +536,15 @@ class Machine:
                 out[n + place] -= self.elements[k].sign * self.rate(k)
         out[-3, -2], out[-2, -3] = w, -w
         return out, forces
+
+    @kept
+    def _driven(self, mode: Regimes, frequency: Any) -> Any:  # noqa: ARG002
+        """Accelerations (N, D + h), but for what is held, and by unit forces along that.
+
+        Where there are dashpots they depend on the frequency, at which stops move.
+        """
+        given = np.hstack([self._forced(mode), self._pushes(mode)])
+        return np.linalg.solve(self.mass, given)
 
     def _regime(self, number: int, element: int) -> Any:
         """Numbers of what an element does and watches in a regime; NoSolution where it has none."""

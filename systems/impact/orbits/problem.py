@@ -233,7 +233,8 @@ class ImpactProblem(PeriodicProblem, WatchedProblem):
         if self.responds:
             own = system, windows_of(system), Terms.of(system), self._measures
             return responses.Scene(*own, partial(self.system, p))
-        machine, parts = Machine(system), system._parts
+        known = self._known[0][1].machine if self._known else None
+        machine, parts = known.like(system) if known else Machine(system), system._parts
         if parts.falls and system._motion is None:
             for mode in {event.mode for event in self.itinerary}:
                 parts.check_slopes(machine.dashpots(mode))

@@ -92,7 +92,9 @@ def to_contact(
         return trajectory_of(oscillator, start, count, store=True), False
     course = Course(oscillator, start, noise=0.0, seed=1, most_cells=MOST_CELLS)
     log = course.advance(count, store=True, lands=start.element)
-    return course.trajectory(log, 0.0), course.waits
+    found = course.trajectory(log, 0.0), course.waits
+    course.lend()
+    return found
 
 
 def course_from(

@@ -160,6 +160,11 @@ class Chatter:
         return self.after[-1] if len(self.after) else self.start
 
     @cached_property
+    def _flights_last(self) -> Array:
+        """Times (n,) from each impact to the next."""
+        return np.diff(self.run.time, prepend=0.0)
+
+    @cached_property
     def lasts(self) -> float:
         """Time until contact begins."""
         return float(self.run.time[-1]) if self.run.impacts else 0.0
@@ -220,11 +225,11 @@ class Chatter:
         """See `Steps`; what depends on no changes of the numbers is kept."""
         moved, rates, steps, parts = self._kept or self._matrices(m, flights)
         self._kept = moved, rates, steps, parts
-        since, lasts = self._since(self.after), np.diff(self.run.time, prepend=0.0)
-        more, delay = np.zeros(since.shape), np.zeros(len(since))
         if not m.changes:
             return steps
-        k, added = self.element, flights.carried(since, lasts)
+        since = self._since(self.after)
+        more = np.zeros(since.shape)
+        k, added = self.element, flights.carried(since, self._flights_last)
         row, gap_changed = m.gap(k).real, m.gap(k).imag / STEP
         delay = -(added @ row + moved @ gap_changed) / rates
         r, slopes, r_changed = m.rebounds(k, rates)
@@ -248,7 +253,7 @@ class Chatter:
         """Those of `_steps`, and parts of them; of impacts with the same slip together."""
         k, since, parts = self.element, self._since(self.after), list[Any]()
         row = m.gap(k).real
-        lasts = np.diff(self.run.time, prepend=0.0)
+        lasts = self._flights_last
         flown, ends = flights.lifted(since, lasts), flights.ends(since, lasts)
         moved = (flown @ since[:, :, None])[..., 0]
         rates = self._rates(m, ends @ m.rate(k).real)
@@ -287,6 +292,8 @@ class Chatter:
 
     def _ways(self, flights: Flights, before: Array, jumps: Array) -> NDArray[np.intp]:
         """Signs (n, f) of slip at the impacts, by what these change: see `Rubs`."""
+        if not self._rub:
+            return np.empty((len(jumps), 0), dtype=np.intp)
         found = [
             [
                 way(float(flights.rate_of(k, z)[0].real), flights.takes(k, z) * jump)
@@ -294,7 +301,7 @@ class Chatter:
             ]
             for z, jump in zip(before, jumps.tolist(), strict=True)
         ]
-        return np.array(found, dtype=np.intp).reshape(len(jumps), len(self._rub))
+        return np.array(found, dtype=np.intp)
 
 
 def _states(run: Trajectory, count: int) -> Array:
@@ -330,7 +337,7 @@ def _varying_steps(chatter: Chatter, machine: Machine, flights: Any) -> Steps:
     So are the differences that changes of the numbers make of the gap.
     """
     k, since = chatter.element, chatter._since(chatter.after)
-    lasts = np.diff(chatter.run.time, prepend=0.0)
+    lasts = chatter._flights_last
     flown, added = flights.lifted(since, lasts), flights.carried(since, lasts)
     ends = flights.ends(since, lasts)
     near = [float(flights.rate_of(k, z)[0].real) for z in ends]

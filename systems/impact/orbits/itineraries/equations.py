@@ -370,10 +370,13 @@ class ItineraryEquations(ImpactProblem):
         solution = self.at(x, p)
         if self._watched is None or self._watched[0] is not solution:
             self._borders = self._borders or self.borders(solution)
-            both = [(border, border.value(solution)) for border in self._borders]
-            found = [Event(b.kind, b.part, value, b.ends, b.power) for b, value in both]
-            self._watched = solution, found
+            self._watched = solution, [_event(border, solution) for border in self._borders]
         return list(self._watched[1])
+
+    def event(self, number: int, x: Array, p: Array) -> Event:
+        solution = self.at(x, p)
+        self._borders = self._borders or self.borders(solution)
+        return _event(self._borders[number], solution)
 
     def condition(self, event: int, x: Array, p: Array) -> tuple[Condition, Array]:
         border = self.border(event, x, p)
@@ -470,3 +473,8 @@ class ItineraryEquations(ImpactProblem):
         if isinstance(s, ResponseSolution):
             return bool((s.impulses > 0.0).all()) and flights_are_open(s)
         return not any(event.value < 0.0 for event in self.events(x, p)) and s.admissible
+
+
+def _event(border: Border, solution: ItinerarySolution) -> Event:
+    value = border.value(solution)  # which may say how the border ends
+    return Event(border.kind, border.part, value, border.ends, border.power)

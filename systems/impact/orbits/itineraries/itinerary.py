@@ -127,7 +127,11 @@ def regimes_of(oscillator: ImpactMap, numbers: Sequence[int]) -> Regimes:
 
 
 def events_seen(
-    oscillator: ImpactMap, run: Trajectory, named: bool = True, until: float = math.inf
+    oscillator: ImpactMap,
+    run: Trajectory,
+    named: bool = True,
+    until: float = math.inf,
+    machine: Machine | None = None,
 ) -> Seen:
     """The events of a motion up to a time that end modes; what only follows at once is left out.
 
@@ -136,7 +140,7 @@ def events_seen(
     Impacts of a chatter before contact are left out but for the first ones, between which the
     motion is not smooth: see `Happening.chatters`. Where all are to be named, contact is an event.
     """
-    automaton, parts, machine = oscillator._automaton, run.segments, Machine(oscillator)
+    automaton, parts, machine = oscillator._automaton, run.segments, machine or Machine(oscillator)
     soft = oscillator._elements[len(oscillator._stops) :]
     for mode in np.unique(parts.mode).tolist():
         own = automaton.parts.now(run.regimes[mode])[len(oscillator._stops) :]

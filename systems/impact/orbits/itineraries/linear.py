@@ -10,11 +10,17 @@ import numpy as np
 from dynkit.core.differences import STEP
 from dynkit.core.kept import kept
 from dynkit.core.validation import Array
-from dynkit.systems.impact.orbits.exponentials import changed, exponentials, moved, run_through
+from dynkit.systems.impact.orbits.exponentials import (
+    changed,
+    exponentials,
+    gained,
+    moved,
+    run_through,
+)
 from dynkit.systems.impact.orbits.flights import Curve
 from dynkit.systems.impact.orbits.itineraries.flying import LinearFlights
 from dynkit.systems.impact.orbits.itineraries.shooting import ShootingSolution
-from dynkit.systems.impact.orbits.machine import Machine, Numbers, Regimes
+from dynkit.systems.impact.orbits.machine import Numbers, Regimes
 
 _ROUNDING = 2.0**-52
 
@@ -36,9 +42,16 @@ class LinearSolution(ShootingSolution):
         return dict(zip(own, flown, strict=True))
 
     def _flight(self, i: int, z: Any, lasts: Any) -> tuple[Any, Any]:
-        if self.itinerary[i].chatters:
+        if self._still is not None or self.itinerary[i].chatters:
             return super()._flight(i, z, lasts)
         return self._ahead[i] @ z, self._ahead[i]
+
+    @cached_property
+    def _gained(self) -> Array:
+        assert self._still is not None
+        begun = np.array([self._still.begun(i) for i in range(self.events)])
+        late = [self._still._late(i) for i in range(self.events)]
+        return gained(self.flows, begun, self.durations.real - late, self.measures)
 
     @kept
     def flights(self, mode: Regimes) -> LinearFlights:
@@ -88,8 +101,14 @@ class LinearSolution(ShootingSolution):
     @cached_property
     def _risen(self) -> tuple[Any, Any]:
         """exp(A t) - 1, (n, D, D), of all flights, and what it makes of the states after events."""
-        found = changed(self.flows, self.durations, self.measures)
-        return found, (found @ self.after[:, :, None])[..., 0]
+        if self._still is None:
+            found = changed(self.flows, self.durations, self.measures)
+            return found, (found @ self.after[:, :, None])[..., 0]
+        found, risen = self._still._risen
+        more = (found @ self.after.imag[:, :, None])[..., 0] / STEP + self._gained
+        more += self._still.moving * self.durations.imag[:, None] / STEP
+        more[:, self.dimension :] = 0.0  # phases are given
+        return found, risen + 1j * STEP * more
 
     def rise(self, j: int, i: int) -> Any:
         if j in self.chatters:
@@ -134,8 +153,8 @@ class LinearSolution(ShootingSolution):
 
     def change(self, change: tuple[Array, Numbers]) -> Array | None:
         """Their derivative (m,) by a change of all numbers."""
-        scene = self.scene._replace(machine=Machine(self.oscillator, change[0]))
-        given = self.course, self.lap, self.pairs, self.driven, self.chatters
+        scene = self.scene._replace(machine=self.machine.changed(self.oscillator, change))
+        given = self.course, self.lap, self.pairs, self.driven, self
         there = LinearSolution(scene, *given)
         with np.errstate(all="ignore"):
             return np.asarray(there.left.imag / STEP)

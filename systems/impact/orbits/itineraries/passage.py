@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from abc import abstractmethod
 from functools import cached_property
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, Self
 
 import numpy as np
 
@@ -48,8 +48,8 @@ class Passage(ItinerarySolution):
     pairs : list of divided.Pair or None
         Of each event the one before at which its guard is zero by nature.
     driven : bool
-    chatters : dict, optional
-        Those after some impacts, by the numbers of these, where they are known.
+    still : Passage, optional
+        The same motion of the machine without the imaginary changes of its numbers.
     """
 
     blind = True
@@ -61,9 +61,9 @@ class Passage(ItinerarySolution):
         lap: Lap,
         pairs: list[divided.Pair | None],
         driven: bool,
-        chatters: dict[int, Chatter] | None = None,
+        still: Self | None = None,
     ) -> None:
-        self._known = chatters
+        self._still = still
         self.scene, self.machine, self.pairs, self.driven = scene, scene.machine, pairs, driven
         clock = scene.machine.frequency if driven else TWO_PI / lap.turn
         super().__init__(scene.oscillator, scene.measures, course, lap, clock)
@@ -114,8 +114,8 @@ class Passage(ItinerarySolution):
         return self._way[4]
 
     def _chatter(self, i: int, state: Any) -> Chatter:
-        if self._known is not None:
-            return self._known[i]
+        if self._still is not None:
+            return self._still.chatters[i]
         if self.impulses[self.impulse_of[i]] < 0.0:
             raise NoSolution("the chatter must begin with an impact that pushes")
         event, held = self.itinerary[i], self.following[i].mode
@@ -325,8 +325,19 @@ class Passage(ItinerarySolution):
 
         With imaginary changes of both.
         """
-        flown: tuple[Any, Any] = self._modes[i].passed(z, lasts)
-        return flown
+        still = self._still
+        if still is None:
+            flown: tuple[Any, Any] = self._modes[i].passed(z, lasts)
+            return flown
+        flown = still._flown[i]
+        out = flown @ z.imag / STEP + still.moving[i] * lasts.imag / STEP + self._gained[i]
+        out[self.dimension :] = 0.0  # phases are given
+        return still.reached[i] + 1j * STEP * out, flown
+
+    @property
+    @abstractmethod
+    def _gained(self) -> Array:
+        """Changes (n, D) of states at the next events by those of numbers, at given durations."""
 
     @abstractmethod
     def quotient(self, j: int, i: int, q: int) -> Any:

@@ -29,10 +29,17 @@ _BETWEEN = 64
 
 
 def simulated(
-    system: Any, start: Any, length: float, named: bool = True, count: int = 4, most: int = _MOST
+    system: Any,
+    start: Any,
+    length: float,
+    named: bool = True,
+    count: int = 4,
+    most: int = _MOST,
+    machine: Any = None,
 ) -> Seen:
     """The events of a motion from a state on, for some time, of about so many impacts."""
-    seen = events_seen(system, run_for(system, start, length, count, most), named, length)
+    run = run_for(system, start, length, count, most)
+    seen = events_seen(system, run, named, length, machine)
     return seen.part(0, int(np.searchsorted(seen.times, length)))
 
 
@@ -71,7 +78,7 @@ def _comes_again(s: Any) -> bool:
     due = (times - since) % s.period
     turned = [(i + 1 + k) % s.events for k in range(s.events)]
     order = [k for k in turned if s.itinerary[k].element >= 0]
-    seen = simulated(s.oscillator, start, s.period, most=len(order))
+    seen = simulated(s.oscillator, start, s.period, most=len(order), machine=s.machine)
     if len(seen.events) != len(order):
         return False
     within = SAME * s.period
@@ -125,7 +132,8 @@ def _is_released(s: Any, node: int) -> bool:
         since = (s.event_phases[begin] - s.event_phases[0]) / s.clock
         start, due = _amid(s, begin, float(since) + late), due - late
     count = 4 + len(due) + sum(chatter.run.impacts for chatter in s.chatters.values())
-    seen = simulated(s.oscillator, start, float(due[-1]) + within, False, count, count)
+    until = float(due[-1]) + within
+    seen = simulated(s.oscillator, start, until, False, count, count, s.machine)
     # which slider slips at a release is rounding
     opens = within if s.machine.sliders else 0.0
     begun = int(np.searchsorted(seen.times, min(opens, float(due[0]) - within)))

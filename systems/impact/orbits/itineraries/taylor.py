@@ -20,7 +20,7 @@ from dynkit.systems.impact.orbits.itineraries.itinerary import Course
 from dynkit.systems.impact.orbits.itineraries.motion import ROUNDING, Lap
 from dynkit.systems.impact.orbits.itineraries.passage import Scene
 from dynkit.systems.impact.orbits.itineraries.shooting import ShootingSolution
-from dynkit.systems.impact.orbits.machine import Machine, Numbers
+from dynkit.systems.impact.orbits.machine import Numbers
 
 if TYPE_CHECKING:
     from dynkit.systems.impact.modes.taylor_mode import Path
@@ -47,8 +47,8 @@ class TaylorSolution(ShootingSolution):
     linear. Rows of gaps and of their rates are the same as well. What differs are the flights, with
     their derivatives by variational equations, contact forces, and kicks where the mass varies.
 
-    With imaginary changes of the numbers of the machine it takes the motion without them, `still`,
-    and the changes of the numbers of flights by modes.
+    With imaginary changes of the numbers of the machine it takes the changes of the numbers of
+    flights by modes.
     """
 
     def __init__(
@@ -61,9 +61,8 @@ class TaylorSolution(ShootingSolution):
         still: TaylorSolution | None = None,
         changes: dict[Regimes, Array] | None = None,
     ) -> None:
-        known = None if still is None else still.chatters
-        super().__init__(scene, course, lap, pairs, driven, known)
-        self._still, self._changes = still, changes or {}
+        super().__init__(scene, course, lap, pairs, driven, still)
+        self._changes = changes or {}
 
     def flights(self, mode: Regimes) -> TaylorFlights:
         return TaylorFlights(self.oscillator, self.machine, mode, self._changes.get(mode))
@@ -71,17 +70,19 @@ class TaylorSolution(ShootingSolution):
     # --- on the way -------------------------------------------------------------------------------
 
     def _flight(self, i: int, z: Array, lasts: Any) -> tuple[Array, Array]:
-        flights: TaylorFlights = self._modes[i]
-        still = self._still
         if self.course.sticks and not self.durations[i].real > 0.0:
             raise NoSolution("events must come one after the other")
-        if still is None:
-            return super()._flight(i, z, lasts)
-        flown = still._flown[i]
-        out = flown @ z.imag / STEP + still.moving[i] * lasts.imag / STEP
-        out += flights.changed(z.real, float(lasts.real))
-        out[self.dimension :] = 0.0  # phases are given
-        return still.reached[i] + 1j * STEP * out, flown
+        return super()._flight(i, z, lasts)
+
+    @cached_property
+    def _gained(self) -> Array:
+        assert self._still is not None
+        own = enumerate(zip(self._modes, self.durations.real.tolist(), strict=True))
+        found = [
+            flights.changed(self._still.begun(i), lasts - self._still._late(i))
+            for i, (flights, lasts) in own
+        ]
+        return np.array(found)
 
     # --- what is watched --------------------------------------------------------------------------
 
@@ -218,7 +219,7 @@ class TaylorSolution(ShootingSolution):
         modes = sorted({event.mode for event in self.itinerary})
         ends = np.cumsum([len(self.flights(mode).mode.numbers) for mode in modes])
         parts = dict(zip(modes, np.split(change[1].flights, ends[:-1]), strict=True))
-        scene = self.scene._replace(machine=Machine(self.oscillator, change[0]))
+        scene = self.scene._replace(machine=self.machine.changed(self.oscillator, change))
         given = scene, self.course, self.lap, self.pairs, self.driven
         return np.asarray(TaylorSolution(*given, self, parts).left.imag / STEP)
 
