@@ -214,7 +214,7 @@ def fill_flight(generator: Array, time: float, block: Array) -> None:
 def follow(
     flights: Array,
     generator: Array,
-    block: Array,
+    blocks: Array,
     which: Indices,
     dense: Array,
     vectors: Array,
@@ -229,9 +229,9 @@ def follow(
     Parameters
     ----------
     flights
-        (n,) their durations.
-    generator, block
-        (4, N) of the pairs; (1, 4, N) buffer.
+        (n,) their durations; empty where `blocks` are given, as for `stretch`.
+    generator, blocks
+        (4, N) of the pairs, and a buffer (1, 4, N).
     first
         Frame m goes through the steps number ``first[m]`` to ``first[m + 1] - 1``.
     logs
@@ -242,8 +242,11 @@ def follow(
         for step in range(first[m], first[m + 1]):
             if which[step] >= 0:
                 _multiply(dense[which[step]], frame, scratch)
-            fill_flight(generator, flights[step], block)
-            fly(block, 0, frame)
+            if flights.shape[0] > 0:
+                fill_flight(generator, flights[step], blocks)
+                fly(blocks, 0, frame)
+            else:
+                fly(blocks, step, frame)
             jump(vectors, jumps[step, 0], jumps[step, 1], jumps[step, 2], frame)
             if logs.shape[0] > 0:
                 _orthonormalise(frame, 0, logs, step)

@@ -107,14 +107,14 @@ def _passes(oscillator: DrivenStructure, run: Trajectory, begin: int, end: int) 
     """Arguments of `tangent_kernels.follow` for the impacts from number `begin` to `end` - 1."""
     motion, flights, some, before, held, jumps, _ = _between(oscillator, run, slice(begin, end))
     pairs, slots = motion.mode.pairs, motion.mode.layout.modes
-    which = np.full(len(flights), -1)
+    which, blocks = np.full(len(flights), -1), np.empty((1, 4, len(slots)))
     which[before] = np.arange(len(held))
     dense = _contact_matrices(oscillator, run, held, some)
     if pairs.links.size or pairs.rates[0].max() * flights.max(initial=0.0) > LONG:
-        _, which, dense = _dense(motion, flights, which, dense)
-        flights = np.zeros(len(flights))
-    generator, block = pairs.generator[:4, slots], np.empty((1, 4, len(slots)))
-    return flights, generator, block, which, dense, motion.vectors, jumps
+        blocks, which, dense = _flights(motion, flights, which, dense)
+        flights = np.empty(0)
+    generator = pairs.generator[:4, slots]
+    return flights, generator, blocks, which, dense, motion.vectors, jumps
 
 
 def settles(oscillator: DrivenStructure, run: Trajectory) -> bool:
@@ -251,22 +251,17 @@ def _flights(
     motion: FreeMotion, durations: Array, which: Any, dense: Array
 ) -> tuple[Array, Any, Array]:
     """Kernel arguments of flights (n,); each follows the matrix of its number, if that is >= 0."""
-    if motion.mode.pairs.links.size:
-        return _dense(motion, durations, which, dense)
-    flown = motion.mode.transitions(durations)
-    blocks = np.ascontiguousarray(flown.own[..., motion.mode.layout.own])
-    return blocks.reshape(len(durations), 4, -1), which, np.ascontiguousarray(dense)
-
-
-def _dense(
-    motion: FreeMotion, durations: Array, which: Any, dense: Array
-) -> tuple[Array, Any, Array]:
-    """The same with whole matrices, and flights that change nothing."""
     slots = motion.mode.layout.modes
-    blocks = np.tile(np.eye(2).reshape(4, 1), (len(durations), 1, len(slots)))
-    matrices, after = motion.mode.transitions(durations).matrices(slots), which >= 0
-    matrices[after] = matrices[after] @ dense[which[after]]
-    return blocks, np.arange(len(durations)), matrices
+    flown = motion.mode.transitions(durations)
+    if len(flown.linked):
+        blocks = np.tile(np.eye(2)[..., None], (len(durations), 1, 1, len(slots)))
+        matrices = flown.matrices(slots)
+        after = which >= 0
+        matrices[after] = matrices[after] @ dense[which[after]]
+        dense, which = matrices, np.arange(len(durations))
+    else:
+        blocks = np.ascontiguousarray(flown.own[..., motion.mode.layout.own])
+    return blocks.reshape(len(durations), 4, -1), which, np.ascontiguousarray(dense)
 
 
 def _jumps(oscillator: DrivenStructure, run: Trajectory, now: slice) -> tuple[Array, Any]:
