@@ -1,4 +1,4 @@
-"""Results of methods that are asked for again and again."""
+"""Results of methods that are asked for again and again, and objects that share them."""
 
 from __future__ import annotations
 
@@ -10,6 +10,13 @@ import numpy as np
 
 _Given = ParamSpec("_Given")
 _Found = TypeVar("_Found")
+
+
+def copied(one: _Found) -> _Found:
+    """Return a shallow copy of an object without slots: `copy.copy` takes eight times as long."""
+    out = object.__new__(type(one))
+    vars(out).update(vars(one))
+    return out
 
 
 def kept(

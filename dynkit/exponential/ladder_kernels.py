@@ -22,8 +22,10 @@ def fill_sum(
     rows: Array,
     cell: Array,
     work: Array,
+    first: int,
+    last: int,
 ) -> int:
-    """Fill `rows` and `cell` of a `Ladder` (zeros before); these and `work` are modified in place.
+    """Fill `rows` and `cell` of a `Ladder` in slots `first` to `last` - 1, in place.
 
     Parameters
     ----------
@@ -36,7 +38,7 @@ def fill_sum(
         (DEGREE + 1)!, and the upper limit of weights.
     step : (rungs, 8, slots)
     work : (2, DEGREE + 2, 2)
-        Scratch: derivatives of the row of a slot, and their bounds.
+        Scratch: derivatives of the row of a slot, and their bounds; modified in place.
 
     Returns
     -------
@@ -44,8 +46,7 @@ def fill_sum(
         Field of the `Ladder`.
     """
     rows_of, bounds = work[0], work[1]
-    smooth = cell.shape[0]
-    for k in range(row.shape[1]):
+    for k in range(first, last):
         g = generator[:, k]
         s = scale[k]
         rows_of[0, 0] = row[0, k]
@@ -77,9 +78,11 @@ def fill_sum(
                 weight = error if kept else most
                 cell[j, 6 + r, k] = weight if weight <= largest else largest
                 cell[j, 8 + r, k] = 1.0 if kept else 0.0
-                if not kept:
-                    smooth = min(smooth, j)
                 for order in range(3):
                     before = rows_of[order, 0] * step[j, r, k]
                     cell[j, 2 * order + r, k] = before + rows_of[order, 1] * step[j, 2 + r, k]
-    return int(smooth - 1)
+    for j in range(cell.shape[0]):
+        for k in range(row.shape[1]):
+            if cell[j, 8, k] == 0.0 or cell[j, 9, k] == 0.0:
+                return int(j - 1)
+    return int(cell.shape[0] - 1)

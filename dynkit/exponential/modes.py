@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from copy import copy
 from dataclasses import dataclass, field
 from decimal import Decimal, localcontext
 from functools import cached_property
@@ -13,6 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from dynkit.core.kept import copied, kept
 from dynkit.core.validation import Array
 
 LARGEST = 1e60
@@ -132,14 +132,25 @@ class Pairs:
 
     def turning(self, slot: int, frequency: float) -> Pairs:
         """Return the pairs with another frequency of a rotation that drives nothing."""
-        found = copy(self)  # cached properties of the other pairs remain valid
+        found = copied(self)  # cached properties of the other pairs remain valid
         vars(found)["generator"] = generator = self.generator.copy()
         vars(found)["rates"] = fast, slow = tuple(part.copy() for part in self.rates)
         generator[1:3, slot] = frequency, -frequency
         fast[slot] = slow[slot] = math.sqrt(frequency * frequency)  # the rounding of `rates`
+        vars(found)["_kept"] = {("_span", slot): self._span(slot)}
         if not frequency <= LARGEST:
             del vars(found)["rates"]  # computed again, it raises
         return found
+
+    def spans(self, slot: int, *frequencies: float) -> bool:
+        """Return whether other pairs than this have slower rates and faster ones than these."""
+        low, high = self._span(slot)
+        return low <= min(frequencies) and max(frequencies) <= high
+
+    @kept
+    def _span(self, slot: int) -> tuple[float, float]:
+        fast, slow = (np.delete(part, slot) for part in self.rates)
+        return float(slow[slow > 0.0].min(initial=math.inf)), float(fast.max(initial=0.0))
 
     @staticmethod
     def oscillators(

@@ -100,7 +100,8 @@ class Propagators:
     def turning(self, slot: int, frequency: float) -> Propagators:
         """Return the propagators with another frequency of a rotation that drives nothing."""
         pairs = self.pairs.turning(slot, frequency)
-        if rung_sizes(pairs) != (self.smallest, self.rungs):
+        between = pairs.spans(slot, self.generator[1, slot], frequency)
+        if not between and rung_sizes(pairs) != (self.smallest, self.rungs):
             return Propagators.of(pairs)
         step, generator = self.step.copy(), self.generator.copy()
         _fill_steps(pairs, self.smallest, slot, slot + 1, step)
@@ -241,15 +242,35 @@ def ladder(row: Array, offset: float, propagators: Propagators, steady: int) -> 
     )
 
 
+def turned(one: Any, propagators: Propagators) -> Any:
+    """Return the `Ladder` of a sum with other propagators: those after `Propagators.turning`.
+
+    Only the numbers of the rotation are computed again, where the others remain.
+    """
+    pairs, row, slot = propagators.pairs, one.rows[:2], one.steady
+    alike = slot >= 0 and pairs.independent and not one.grows
+    turns = propagators.generator[1, slot], one.generator[1, slot]
+    if not (alike and pairs.spans(slot, *turns)):
+        return ladder(row, one.offset, propagators, slot)
+    found = _alone(row, np.zeros(pairs.count, dtype=bool), propagators, slot, one)
+    return one._replace(step=propagators.step, generator=propagators.generator, **found)
+
+
 def _alone(
-    row: Array, slow: NDArray[np.bool_], propagators: Propagators, steady: int
+    row: Array, slow: NDArray[np.bool_], propagators: Propagators, steady: int, known: Any = None
 ) -> dict[str, Any]:
-    """Return the fields of a ladder for a row of independent pairs."""
+    """Return the fields of a ladder for a row of independent pairs.
+
+    With a known ladder only slot `steady` is computed.
+    """
     from dynkit.exponential.evaluation_kernels import DEGREE, SEPARATE, TAIL
     from dynkit.exponential.ladder_kernels import fill_sum
 
-    pairs, step, seen = propagators.pairs, propagators.step, padded(row.shape[1])
-    rows, cell = np.zeros((SEPARATE + 1, seen)), np.zeros((propagators.rungs, 10, seen))
+    pairs, seen, first, last = propagators.pairs, padded(row.shape[1]), 0, row.shape[1]
+    if known is None:
+        rows, cell = np.zeros((SEPARATE + 1, seen)), np.zeros((propagators.rungs, 10, seen))
+    else:
+        rows, cell, first, last = known.rows.copy(), known.cell.copy(), steady, steady + 1
     smooth = fill_sum(
         pairs.generator,
         pairs.scale,
@@ -258,10 +279,12 @@ def _alone(
         float(factorial(DEGREE + 1)),
         LARGEST,
         propagators.smallest,
-        step,
+        propagators.step,
         rows,
         cell,
         np.empty((2, DEGREE + 2, 2)),
+        first,
+        last,
     )
     return {
         "cell": cell,

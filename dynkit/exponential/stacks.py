@@ -69,10 +69,8 @@ class LadderStack:
         for k, each in enumerate(sums, start=self._sums):
             for name in _OF_SUMS:
                 self._stack.put(name, k, getattr(each, name))
-            flags = int(each.apart), int(each.grows)
-            own = g, len(each.cell), each.smooth, *flags, each.steady
-            self._stack.put("integers", k, own)
-            self._stack.put("numbers", k, (each.offset, each.window, each.swing))
+            self._stack.put("integers", k, _integers(g, each))
+            self._stack.put("numbers", k, _numbers(each))
         self._groups, self._sums = g + 1, self._sums + len(sums)
 
     @property
@@ -83,6 +81,28 @@ class LadderStack:
         counts = dict.fromkeys(Ladders._fields, self._sums)
         counts |= dict.fromkeys((*_OF_GROUPS, "sizes"), self._groups)
         return Ladders(**{name: self._stack.take(name, count) for name, count in counts.items()})
+
+
+def _integers(group: int, one: Any) -> tuple[int, ...]:
+    return group, len(one.cell), one.smooth, int(one.apart), int(one.grows), one.steady
+
+
+def _numbers(one: Any) -> tuple[float, ...]:
+    return one.offset, one.window, one.swing
+
+
+def stacked(sums: Sequence[Any]) -> Any:
+    """Return the `Ladders` of one group of sums of equal sizes, as by `LadderStack`."""
+    from dynkit.exponential.stack_kernels import Ladders
+
+    first, each = sums[0], {name: np.array([getattr(s, name) for s in sums]) for name in _OF_SUMS}
+    return Ladders(
+        **{name: np.asarray(getattr(first, name))[None] for name in _OF_GROUPS},
+        **each,
+        sizes=np.array([(len(first.step), len(first.links))]),
+        integers=np.array([_integers(0, one) for one in sums]),
+        numbers=np.array([_numbers(one) for one in sums]),
+    )
 
 
 _OF_GROUPS = "step", "generator", "links", "link_step", "smallest"

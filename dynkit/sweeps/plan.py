@@ -65,11 +65,12 @@ class Plan:
         """Names of the parameters: one."""
         return (self.parameter,)
 
-    def system_at(self, value: float) -> Map:
-        """Return the system at a value."""
-        if self.system is None:
+    def system_at(self, value: float, known: Map | None = None) -> Map:
+        """Return the system at a value, from one at another value where that is known."""
+        system = known or self.system
+        if system is None:
             raise ValueError("system must be given to load a sweep that is to simulate; got None")
-        return self.system.replace(**{self.parameter: value})
+        return system.replace(**{self.parameter: value})
 
     def first_start(self) -> Any:
         """Return the start of the first value; None for the default start of the system."""
@@ -237,11 +238,12 @@ class _Simulation:
     """Simulation of some values to rows; its plan holds only the first value, for the start.
 
     `last` is the last state of the value before it, which need not be unpacked from the numbers of
-    the engine then.
+    the engine then. `system` is that of the last value, of which the next one may keep parts.
     """
 
     plan: Plan
     last: tuple[float, Any] | None = field(default=None, init=False)
+    system: Map | None = field(default=None, init=False)
 
     def __call__(self, task: tuple[Array, tuple[float, Array] | None]) -> Rows:
         plan, (values, before) = self.plan, task
@@ -252,7 +254,8 @@ class _Simulation:
         start = self._start(before)
         for place, value in enumerate(values.tolist()):
             with located(f"at {plan.parameter} {value}"):
-                system = plan.system_at(value)
+                # a system at another value may know what does not depend on the parameter
+                system = self.system = plan.system_at(value, self.system)
                 if plan.follow:
                     motion, displaced[place] = plan.following(system, start)
                 else:

@@ -51,6 +51,11 @@ _FEW, _MOST, _NUMBERS = 32, 512, 1_000_000
 """Numbers of impacts, and of numbers in their derivatives, that are followed together."""
 
 
+_OF_STRUCTURE = "_derivation", "_curves", "_structure", "_soft", "_sliders"
+_OF_ALL = (*_OF_STRUCTURE, "_stops", "_contacts", "_contact")
+"""What oscillators share whose structures are the same; and whose tables are, too."""
+
+
 @cache
 def _arguments_of(kind: Any) -> tuple[str, ...]:
     return tuple(entry.name for entry in dataclasses.fields(kind) if entry.init)
@@ -111,7 +116,17 @@ class ImpactMap(DrivenStructure, Map):
         if self.elements:
             defaults = {e.name: e.default for e in dataclasses.fields(self) if e.name in OF_TABLE}
             parameters = defaults | parameters
-        return dataclasses.replace(self, **parameters)
+        made = dataclasses.replace(self, **parameters)
+        made._take(self)
+        return made
+
+    def _take(self, other: ImpactMap) -> None:
+        """Take what follows from the same arguments from another oscillator, where it is known."""
+        own, known = vars(self), vars(other)
+        changed = {name for name, value in own.items() if value is not known.get(name)}
+        if changed <= self.structure_independent - {"elements"}:
+            names = _OF_STRUCTURE if changed.intersection(OF_TABLE) else _OF_ALL
+            own.update({name: known[name] for name in names if name in known})
 
     @property
     def identity(self) -> Mapping[str, object]:

@@ -15,7 +15,7 @@ from dynkit.systems.impact.oscillators.attractor import _ImpactOrbit
 from dynkit.systems.impact.oscillators.oscillator import ImpactOscillator
 from dynkit.systems.impact.variational.map_derivative import _lift
 from dynkit.systems.impact.variational.tangent_kernels import stretch
-from dynkit.systems.impact.variational.tangents import growth, steps_of
+from dynkit.systems.impact.variational.tangents import growth, returned, steps_of
 from tests.impact.test_structures import Rod
 from tests.impact_orbits.structures import SYSTEMS
 
@@ -223,3 +223,26 @@ def test_where_the_motion_ends_nothing_grows() -> None:
     chain = ImpactChain(masses=2, frequency=0.7, offset=-10.0)
     start = chain.impact_state(np.array([-10.0, 0.0, 0.5, 0.0]))
     assert np.isneginf(_ImpactOrbit(chain.simulate(impacts=1, start=start)).growth(100)).all()
+
+
+# with millions of radians of the fast mode in a flight, whose sine loses nine digits
+STIFF = {"stiff": ImpactChain(masses=2, springs=(1.0, 1e12), damping=0.0, frequency=0.9)}
+
+
+@pytest.mark.parametrize("name", [*FLYING, *STICKING, *STIFF])
+def test_whole_runs_have_the_growth_and_derivatives_of_single_steps(name: str) -> None:
+    # of runs, flights are closed forms; of steps, they are products that are cut into parts
+    system = {**FLYING, **STICKING, **STIFF}[name]
+    begin = system.attractor(transient=100, impacts=1, start=between(system)).final
+    run = system._run(begin, 60, store=True)
+    steps, d = steps_of(system, run), system.dimension
+    frame, parts = np.sqrt(np.arange(2.0, 2.0 + d))[None], np.empty((len(steps.which), 1))
+    stretch(*steps[:-1], frame / np.linalg.norm(frame), np.empty(d), parts)
+    expected = np.add.reduceat(parts, steps.first, axis=0)[:, 0]
+    found = growth(system, run)
+    assert (np.isneginf(found) == np.isneginf(expected)).all()
+    certain = ~np.isneginf(found)
+    assert abs(found - expected)[certain].max(initial=0.0) < 1e-9
+    product = whole(system, begin)
+    (first,) = returned(system, system._run(begin, 1, store=True), [-1, 0])
+    assert abs(first - product).max() < 1e-11 * abs(product).max()

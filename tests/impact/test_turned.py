@@ -5,7 +5,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from dynkit.systems import ImpactChain, PlayOscillator
+from dynkit.systems import HardStop, ImpactChain, PlayOscillator
 from dynkit.systems.impact.simulation.automaton import Automaton
 from dynkit.systems.impact.simulation.runs import trajectory_of
 
@@ -78,3 +78,26 @@ def test_the_kernel_of_a_table_alone_has_the_bits_of_that_of_all_elements(
     assert small.cells == whole.cells
     assert small.ending is whole.ending
     assert len(small.switches.time) > 0 or frequency != 0.408
+
+
+@pytest.mark.plain
+def test_a_replaced_oscillator_takes_only_what_is_the_same() -> None:
+    one = ImpactChain(masses=3, frequency=0.9)
+    _ = one.simulate(impacts=3)
+    changes: list[dict[str, Any]] = [
+        {"frequency": 0.8}, {"restitution": 0.5}, {"amplitude": 0.2}, {"side": "below"},
+        {"play": 3.0}, {"springs": 2.0}, {"damping": (0.1, 0.2, 0.3)}, {"masses": 2},
+        {"harmonic_forces": (0.0, 0.1, 0.0)}, {"elements": [HardStop(1)]},
+    ]  # fmt: skip
+    for change in changes:
+        new = one.replace(**change)
+        given = {"masses": 3, "frequency": 0.9, **change}
+        made = ImpactChain(**given)
+        assert new == made
+        assert new._stops == made._stops
+        assert new._structure is made._structure
+        assert [c.row.tolist() for c in new._contacts] == [c.row.tolist() for c in made._contacts]
+        assert new._soft == made._soft
+        assert ("_stops" in vars(one.replace(**change))) == (
+            change.keys() <= {"frequency", "harmonic_forces"}
+        )

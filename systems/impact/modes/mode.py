@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 import math
-from copy import copy
 from functools import cached_property
 from typing import Any, final
 
 import numpy as np
 from numpy.typing import NDArray
 
-from dynkit.core.kept import kept
+from dynkit.core.kept import copied, kept
 from dynkit.core.validation import Array
 from dynkit.exponential.modes import Pairs
 from dynkit.exponential.propagators import cells_of_a_call, ladder, workspace
@@ -60,7 +59,7 @@ class Mode:
         forced = self.forced.turned(frequency)
         if forced is None:
             return None
-        out = copy(self)
+        out = copied(self)
         out.forced, out._sums = forced, {}
         if self.layout.table >= 0:
             out.propagators = self.propagators.turning(self.layout.table, frequency)

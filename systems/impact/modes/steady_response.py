@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from copy import copy
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any, Literal, final
@@ -10,6 +9,7 @@ from typing import Any, Literal, final
 import numpy as np
 from numpy.typing import NDArray
 
+from dynkit.core.kept import copied
 from dynkit.core.validation import Array
 from dynkit.exponential.modes import Pairs
 from dynkit.exponential.propagators import Propagators, padded
@@ -135,7 +135,7 @@ class Forced:
         """The motion at another frequency; None where harmonic or resonant parts depend on it."""
         if self.turns or self._own_links:
             return None
-        out = copy(self)
+        out = copied(self)
         out.frequency = frequency
         return out
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from copy import copy
 from dataclasses import replace
 from functools import partial
 from typing import Any, NamedTuple, final
@@ -11,8 +10,10 @@ from typing import Any, NamedTuple, final
 import numpy as np
 from numpy.typing import NDArray
 
+from dynkit.core.kept import copied
 from dynkit.core.validation import Array
-from dynkit.exponential.stacks import LadderStack, Stack
+from dynkit.exponential.propagators import turned
+from dynkit.exponential.stacks import LadderStack, Stack, stacked
 from dynkit.systems.impact.elements import law_programs
 from dynkit.systems.impact.elements.element import (
     HALT,
@@ -118,7 +119,7 @@ class Automaton(JoinedModes):
         first, frequency = self._first, excitation.frequency
         if frequency == self._excitation.frequency:
             return self
-        out = copy(self)
+        out = copied(self)
         out._begin()
         out._excitation = excitation
         mode = self.modes[0].turned(frequency)
@@ -127,12 +128,11 @@ class Automaton(JoinedModes):
             return out
         out.modes, out.regimes, out.table = [mode], self.regimes[:1], first[0]
         for g in self.guards[: len(first[0])]:
-            sum_ = mode.sum(g.sum.rows[:2], g.sum.offset)
+            sum_ = turned(g.sum, mode.propagators)
             out.guards.append(replace(g, sum=sum_, target=-1, partner=-1, change=None))
-        ladders = LadderStack()
-        ladders.add([g.sum for g in out.guards])
         rate = frequency if mode.layout.table < 0 else 0.0
-        out._tables = first[1]._replace(ladders=ladders.ladders, clock_rate=rate)
+        ladders = stacked([g.sum for g in out.guards])
+        out._tables = first[1]._replace(ladders=ladders, clock_rate=rate)
         out._first = first[0], out._tables
         return out
 

@@ -8,7 +8,7 @@ import numpy as np
 
 from dynkit.core.jit import kernel
 from dynkit.core.validation import Array
-from dynkit.systems.impact.variational.tangent_kernels import fly, jump
+from dynkit.systems.impact.variational.tangent_kernels import acceleration, fill_flight, fly, jump
 
 TOLERANCE = 1e-6
 """Largest recurrence of the last state, relative to it, and of its time, in periods."""
@@ -42,24 +42,6 @@ def _period_of(time: Array, speed: Array, states: Array, turn: float) -> int:
         if apart <= TOLERANCE * TOLERANCE * size:
             return n
     return 0
-
-
-@kernel()
-def _fill_flight(generator: Array, time: float, block: Array) -> None:
-    """Fill (1, 4, N) with exp(G t) of each pair, whose generators are (4, N)."""
-    for i in range(generator.shape[1]):
-        mean = 0.5 * (generator[0, i] + generator[3, i])
-        half = 0.5 * (generator[0, i] - generator[3, i])
-        square = half * half + generator[1, i] * generator[2, i]
-        root = math.sqrt(abs(square))
-        even = math.cos(root * time) if square < 0.0 else math.cosh(root * time)
-        odd = math.sin(root * time) if square < 0.0 else math.sinh(root * time)
-        odd = odd / root if root * time > 1e-8 else time
-        size = math.exp(mean * time)
-        block[0, 0, i] = size * (even + half * odd)
-        block[0, 1, i] = size * odd * generator[1, i]
-        block[0, 2, i] = size * odd * generator[2, i]
-        block[0, 3, i] = size * (even - half * odd)
 
 
 @kernel(reorder=True)
@@ -123,10 +105,6 @@ def settled(
     if n == 0:
         return False
     kick = -(1.0 + restitution)
-    kicked = 0.0
-    for row in range(2):
-        for i in range(bend.shape[1]):
-            kicked += bend[row, i] * unit[row, i]
     for part in range(2):
         frames[part] = 0.0
         for i in range(frames.shape[1]):
@@ -135,11 +113,8 @@ def settled(
             rate = -speed[k] / restitution
             if not rate < 0.0:
                 return False
-            before = -kick * rate * kicked
-            for row in range(2):
-                for i in range(bend.shape[1]):
-                    before += bend[row, i] * states[k, row, i]
-            _fill_flight(generator, time[k] - time[k - 1], block)
+            before = acceleration(bend, unit, states, k, kick * rate)
+            fill_flight(generator, time[k] - time[k - 1], block)
             fly(block, 0, frames[part])
             jump(vectors, -kick * before / rate, kick, kick, frames[part])
     size = _norm(frames[0], frames[1], 0.0)

@@ -192,19 +192,105 @@ def stretch(
         _orthonormalise(frame, lost[step], logs, step)
 
 
+@kernel()
+def fill_flight(generator: Array, time: float, block: Array) -> None:
+    """Fill (1, 4, N) with exp(G t) of each pair, whose generators are (4, N)."""
+    for i in range(generator.shape[1]):
+        mean = 0.5 * (generator[0, i] + generator[3, i])
+        half = 0.5 * (generator[0, i] - generator[3, i])
+        square = half * half + generator[1, i] * generator[2, i]
+        root = math.sqrt(abs(square))
+        even = math.cos(root * time) if square < 0.0 else math.cosh(root * time)
+        odd = math.sin(root * time) if square < 0.0 else math.sinh(root * time)
+        odd = odd / root if root * time > 1e-8 else time
+        size = math.exp(mean * time)
+        block[0, 0, i] = size * (even + half * odd)
+        block[0, 1, i] = size * odd * generator[1, i]
+        block[0, 2, i] = size * odd * generator[2, i]
+        block[0, 3, i] = size * (even - half * odd)
+
+
 @kernel(entry=True)
-def carry(
+def follow(
+    flights: Array,
+    generator: Array,
     blocks: Array,
     which: Indices,
     dense: Array,
     vectors: Array,
     jumps: Array,
-    frame: Array,
+    first: Indices,
+    frames: Array,
     scratch: Array,
+    logs: Array,
 ) -> None:
-    """Carry rows of the frame (k, 2N) through the steps of `stretch`, in place, without scaling."""
-    for step in range(which.shape[0]):
-        if which[step] >= 0:
-            _multiply(dense[which[step]], frame, scratch)
-        fly(blocks, step, frame)
-        jump(vectors, jumps[step, 0], jumps[step, 1], jumps[step, 2], frame)
+    """Carry rows of each frame (k, 2N) through steps as those of `stretch`, in place.
+
+    Parameters
+    ----------
+    flights
+        (n,) their durations; empty where `blocks` are given, as for `stretch`.
+    generator, blocks
+        (4, N) of the pairs, and a buffer (1, 4, N).
+    first
+        Frame m goes through the steps number ``first[m]`` to ``first[m + 1] - 1``.
+    logs
+        (n, k) for rows that each step makes orthonormal, as in `stretch`; empty where none does.
+    """
+    for m in range(frames.shape[0]):
+        frame = frames[m]
+        for step in range(first[m], first[m + 1]):
+            if which[step] >= 0:
+                _multiply(dense[which[step]], frame, scratch)
+            if flights.shape[0] > 0:
+                fill_flight(generator, flights[step], blocks)
+                fly(blocks, 0, frame)
+            else:
+                fly(blocks, step, frame)
+            jump(vectors, jumps[step, 0], jumps[step, 1], jumps[step, 2], frame)
+            if logs.shape[0] > 0:
+                _orthonormalise(frame, 0, logs, step)
+
+
+@kernel()
+def acceleration(bend: Array, unit: Array, states: Array, k: int, change: float) -> float:
+    """Acceleration of the gap before an impact that changes its rate: see `fill_jumps`."""
+    kicked = 0.0
+    for row in range(2):
+        for i in range(bend.shape[1]):
+            kicked += bend[row, i] * unit[row, i]
+    before = -change * kicked
+    for row in range(2):
+        for i in range(bend.shape[1]):
+            before += bend[row, i] * states[k, row, i]
+    return before
+
+
+@kernel(entry=True)
+def fill_jumps(
+    guards: Indices,
+    speed: Array,
+    states: Array,
+    rows: Array,
+    kicks: Array,
+    restitution: Array,
+    jumps: Array,
+) -> None:
+    """Fill bend, kick and push (n, 3) of impacts, as for `stretch`; zero where one only touches.
+
+    Parameters
+    ----------
+    guards, speed, states
+        (n,), (n,) and (n, 2, slots) of the impacts, in free flight before them.
+    rows, kicks, restitution
+        Of all guards, as in the tables of the motion; no restitution is zero.
+    """
+    for k in range(guards.shape[0]):
+        g = guards[k]
+        kick = -(1.0 + restitution[g])
+        rate = -speed[k] / restitution[g]
+        jumps[k] = 0.0
+        if rate < 0.0:
+            before = acceleration(rows[g, 4:6], kicks[g], states, k, kick * rate)
+            jumps[k, 0] = -kick * before / rate
+            jumps[k, 1] = jumps[k, 2] = kick

@@ -10,7 +10,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from itertools import pairwise
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
@@ -34,6 +33,9 @@ _IMPACTS, _NUMBERS = 1024, 4_000_000
 
 _PRODUCTS_OF_A_CALL = 1 << 24
 """Products after which a call of the kernel ends, about ten milliseconds; at least one step."""
+
+LONG = 100.0
+"""Radians of the fastest mode: in longer flights, sines and cosines of phases lose digits."""
 
 SPREAD = math.log(1e5)
 """Largest ratio of decays of modes within one part of a flight. Longer flights are cut into parts,
@@ -73,17 +75,17 @@ def growth(oscillator: DrivenStructure, run: Trajectory) -> Array:
 
     The disturbance turns into the fastest growing direction.
     """
+    from dynkit.systems.impact.variational.tangent_kernels import follow
+
     d, n = oscillator.dimension, run.impacts
     # A fixed direction without symmetry is unlikely to lie in an invariant subspace.
-    frame = np.sqrt(np.arange(2.0, 2.0 + d))[None]
+    frame = np.sqrt(np.arange(2.0, 2.0 + d))[None, None]
     frame, logs = frame / np.linalg.norm(frame), np.empty((n, 1))
     size = _at_once(d)
     for begin in range(0, n, size):
         end = min(begin + size, n)
-        steps = steps_of(oscillator, run, begin, end)
-        found = np.empty((len(steps.which), 1))
-        _stretch(steps, frame, found)
-        logs[begin:end] = np.add.reduceat(found, steps.first, axis=0)
+        more: Any = np.array([0, end - begin]), frame, np.empty(d), logs[begin:end]
+        follow(*_passes(oscillator, run, begin, end), *more)
     return logs[:, 0]
 
 
@@ -92,18 +94,27 @@ def returned(oscillator: DrivenStructure, run: Trajectory, impacts: Sequence[int
 
     The numbers (k + 1,) of these impacts in the run ascend from zero on.
     """
-    from dynkit.systems.impact.variational.tangent_kernels import carry
+    from dynkit.systems.impact.variational.tangent_kernels import follow
 
-    steps, d = steps_of(oscillator, run, impacts[0] + 1, impacts[-1] + 1), oscillator.dimension
-    first = np.append(steps.first, len(steps.which))
-    found = np.empty((len(impacts) - 1, d, d))
-    for part, (begin, end) in zip(found, pairwise(impacts), strict=True):
-        here = slice(first[begin - impacts[0]], first[end - impacts[0]])
-        frame = np.eye(d)
-        flown = steps.blocks[here], steps.which[here], steps.dense
-        carry(*flown, steps.vectors, steps.jumps[here], frame, np.empty(d))
-        part[:] = frame.T
-    return found
+    passes, d = _passes(oscillator, run, impacts[0] + 1, impacts[-1] + 1), oscillator.dimension
+    frames = np.zeros((len(impacts) - 1, d, d)) + np.eye(d)
+    more: Any = np.array(impacts) - impacts[0], frames, np.empty(d), np.empty((0, 1))
+    follow(*passes, *more)
+    return frames.transpose(0, 2, 1)
+
+
+def _passes(oscillator: DrivenStructure, run: Trajectory, begin: int, end: int) -> tuple[Any, ...]:
+    """Arguments of `tangent_kernels.follow` for the impacts from number `begin` to `end` - 1."""
+    motion, flights, some, before, held, jumps, _ = _between(oscillator, run, slice(begin, end))
+    pairs, slots = motion.mode.pairs, motion.mode.layout.modes
+    which, blocks = np.full(len(flights), -1), np.empty((1, 4, len(slots)))
+    which[before] = np.arange(len(held))
+    dense = _contact_matrices(oscillator, run, held, some)
+    if pairs.links.size or pairs.rates[0].max() * flights.max(initial=0.0) > LONG:
+        blocks, which, dense = _flights(motion, flights, which, dense)
+        flights = np.empty(0)
+    generator = pairs.generator[:4, slots]
+    return flights, generator, blocks, which, dense, motion.vectors, jumps
 
 
 def settles(oscillator: DrivenStructure, run: Trajectory) -> bool:
@@ -191,13 +202,8 @@ def steps_of(
 
     Long flights and contacts are cut into parts, see `_SPREAD`.
     """
-    motion = free_motion(oscillator._contact)
     now = slice(begin, run.impacts if end is None else end)
-    some = slice(*np.searchsorted(run.before[: run.ended], [now.start, now.stop]))
-    flights, held = run.durations
-    flights, held, before = flights[now], held[some], run.before[some] - begin
-    jumps, lost = _jumps(oscillator, run, now)
-
+    motion, flights, some, before, held, jumps, lost = _between(oscillator, run, now)
     if not len(held) and flights.max(initial=0.0) * motion.spread <= SPREAD:
         each = np.arange(len(flights))
         dense = np.empty((0, oscillator.dimension, oscillator.dimension))
@@ -227,6 +233,20 @@ def steps_of(
     return Steps(*flown, motion.vectors, jump, gone, first[:-1])
 
 
+def _between(oscillator: DrivenStructure, run: Trajectory, now: slice) -> Any:
+    """The free motion, flights to some impacts, contacts before them, jumps, lost directions.
+
+    Of contacts a slice, the numbers of the flights that follow, and the durations.
+    """
+    some = slice(*np.searchsorted(run.before[: run.ended], [now.start, now.stop]))
+    flights, held = run.durations
+    before = run.before[some] - now.start
+    return (
+        *(free_motion(oscillator._contact), flights[now], some, before, held[some]),
+        *_jumps(oscillator, run, now),
+    )
+
+
 def _flights(
     motion: FreeMotion, durations: Array, which: Any, dense: Array
 ) -> tuple[Array, Any, Array]:
@@ -246,6 +266,14 @@ def _flights(
 
 def _jumps(oscillator: DrivenStructure, run: Trajectory, now: slice) -> tuple[Array, Any]:
     """Bend, kick and push (n, 3) of some impacts, and the number (n,) of directions they lose."""
+    log, r = run.log, oscillator.restitution
+    if not isinstance(r, ImpactLaw) and r > 0.0 and not run.guards[log.guard[now], 0].any():
+        from dynkit.systems.impact.variational.tangent_kernels import fill_jumps
+
+        tables, jumps = oscillator._automaton.tables, np.empty((now.stop - now.start, 3))
+        own = tables.ladders.rows, tables.kick, tables.restitution
+        fill_jumps(log.guard[now], log.speed[now], log.states[now], *own, jumps)
+        return jumps, np.zeros(len(jumps), dtype=np.intp)
     rates, bends = before_impacts(oscillator, run, now)
     rates = np.minimum(rates, 0.0)
     r, slope = rebound(oscillator.restitution, rates)
