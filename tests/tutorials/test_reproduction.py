@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from dynkit.systems import ImpactChain
-from tutorials.cusumano_bai_1993 import _next, reproduce
+from tutorials.cusumano_bai_1993 import _next, _received, reproduce
 from tutorials.cusumano_bai_1993.__main__ import main
 from tutorials.cusumano_bai_1993.paper import ITEMS
 from tutorials.cusumano_bai_1993.settling import impacts_until_settled
@@ -46,6 +46,13 @@ def test_two_processes_take_each_item_once() -> None:
     left = get_context("spawn").Array("i", [0, 5])
     assert [_next(left, end) for end in (0, 1, 1, 0, 0)] == [0, 4, 3, 1, 2]
     assert [_next(left, end) for end in (0, 1)] == [None, None]
+
+
+def test_the_end_of_the_other_process_is_not_waited_for_in_vain() -> None:
+    receiver, sender = get_context("spawn").Pipe(duplex=False)
+    sender.close()
+    with pytest.raises(RuntimeError, match="second process ended early"):
+        _received(receiver)
 
 
 def cells(report: str, first: str) -> list[str]:

@@ -21,9 +21,6 @@ BESIDE = ("figure-4-branches", "resonances")
 """They take nearly half of the time: a second process makes the first one meanwhile, and then what
 is left, these first. It goes on with the last item while the first process is at the others."""
 
-_LEFT: list[Any] = []
-"""In the second process: where the items begin and end that are left."""
-
 
 def reproduce(out: str, only: Sequence[str] | None = None, *, log: TextIO) -> Path:
     """Make the items, their figures as PNG and SVG, ``report.md``, and all in ``report.html``.
@@ -66,8 +63,12 @@ def reproduce(out: str, only: Sequence[str] | None = None, *, log: TextIO) -> Pa
     left = context.Array("i", [0, len(order) - beside])
     with ExitStack() as stack:
         if beside:
-            pool = stack.enter_context(context.Pool(1, _begin, (left,)))
-            others = pool.apply_async(_made, (folder, order))
+            receiver, sender = context.Pipe(duplex=False)
+            other = context.Process(target=_made, args=(folder, order, left, sender))
+            other.start()
+            stack.callback(other.join)
+            stack.callback(other.terminate)
+            sender.close()  # so that the end of the other process ends the pipe
         draw_machine(folder, workshop.chain(FREQUENCIES[0]))
         print(f"{MACHINE}: drawn", file=log, flush=True)
         print("compiling or loading the kernels: ", end="", file=log, flush=True)
@@ -78,11 +79,9 @@ def reproduce(out: str, only: Sequence[str] | None = None, *, log: TextIO) -> Pa
             sections[name] = _make(workshop, name)
             print(f"{sections[name].total:.1f} s", file=log, flush=True)
         if beside:
-            for name, section in others.get().items():
+            for name, section in _received(receiver).items():
                 sections[name] = section
                 print(f"{name}: {section.total:.1f} s, meanwhile", file=log, flush=True)
-            pool.close()  # the other process ends by itself
-            pool.join()
     seconds = time.perf_counter() - began
     made = [sections[name] for name in names]
     report = write_report(folder, made, workshop.warm_up(), seconds)
@@ -129,25 +128,31 @@ def _prepare() -> None:
     continue_orbit(orbit, "frequency", bounds=(0.399, 0.401))
 
 
-def _begin(left: Any) -> None:
-    """Ctrl-C is for the process that waits, which then ends this one."""
+def _made(folder: Path, order: Sequence[str], left: Any, sender: Any) -> None:
+    """Send items from the workshop of the other process: the last one, and what is left after it.
+
+    Ctrl-C is for the process that waits, which then ends this one.
+    """
     import signal
 
-    signal.signal(signal.SIGINT, signal.SIG_IGN)
-    _LEFT.append(left)
-
-
-def _made(folder: Path, order: Sequence[str]) -> dict[str, Section]:
-    """Items from the workshop of the other process: the last one, and what is left after it."""
     from tutorials.cusumano_bai_1993.workshop import Workshop
 
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
     _prepare()
     workshop, made = Workshop(folder), {}
     place: int | None = len(order) - 1
     while place is not None:
         made[order[place]] = _make(workshop, order[place])
-        place = _next(_LEFT[0], 1)
-    return made
+        place = _next(left, 1)
+    sender.send(made)
+
+
+def _received(receiver: Any) -> dict[str, Section]:
+    """The items of the other process; RuntimeError where it ended before it had made them."""
+    try:
+        return dict(receiver.recv())
+    except EOFError:
+        raise RuntimeError("the second process ended early; what it printed says why") from None
 
 
 def _next(left: Any, end: int) -> int | None:
