@@ -250,7 +250,7 @@ def test_toda_s_chain_chatters_and_sticks() -> None:
     x, _ = orbit.sample(np.linspace(begin, end, 20) + 1e-9)
     phases = orbit.phases[0] + chain.frequency * np.linspace(begin, end, 20)
     assert x[:, -1] == pytest.approx(chain.amplitude * np.sin(phases), abs=1e-8)
-    branch = continue_orbit(orbit, "frequency", bounds=(0.1995, 0.2005))
+    branch = continue_orbit(orbit, "frequency", bounds=(0.1995, 0.2005), largest_step=0.5)
     for place in (0, -1):
         there = branch.orbit(place)
         settled: Any = there.system.attractor(start=attractor.final).periodic_orbit()
