@@ -208,6 +208,7 @@ RESULTS: dict[str, Callable[[], Any]] = {
 }
 """How to make one of each: of measures as the example of the class does."""
 
+
 @cache
 def made(name: str) -> Any:
     """A result, which the tests share."""

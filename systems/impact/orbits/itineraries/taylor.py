@@ -112,7 +112,8 @@ class TaylorSolution(ShootingSolution):
         def at(times: Array, count: int) -> Array:
             which = np.searchsorted(path.ends[1:-1], times, side="right")
             own = series[:count, :, which].swapaxes(0, 1)
-            return chebyshev.chebval(off[which] + scale[which] * times, own, tensor=False)
+            places = off[which] + scale[which] * times
+            return np.asarray(chebyshev.chebval(places, own, tensor=False), dtype=float)
 
         lasts = float(self.durations[i]) - late
         inside = off + scale * np.linspace(begins, ends, 9)
