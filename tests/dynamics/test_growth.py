@@ -23,6 +23,8 @@ def test_of_a_superstable_orbit_all_growth_is_lost() -> None:
 
 
 def test_a_direction_that_nearly_vanishes_has_a_logarithm() -> None:
-    logs = Logistic(rate=4.0)._growth(np.array([0.5 + 2.0**-53]), 2)
+    """Its first coordinate is lost but for rounding, and its second one is multiplied by b."""
+    system = Henon(a=1.4, b=1e-17)
+    logs = system._growth(np.array([3.0**0.5 / (2.8 * 2.0**0.5), 0.0]), 2)
     assert np.isfinite(logs).all()
     assert logs[0] < -34.0
