@@ -136,8 +136,8 @@ class Branch(Viewed, SolutionCurve):
         --------
         >>> from dynkit import continue_orbit, periodic_orbit
         >>> from dynkit.systems import Henon
-        >>> orbit = periodic_orbit(Henon(a=0.1, b=0.3), [0.5, 0.1])
-        >>> branch = continue_orbit(orbit, "a", bounds=(-0.13, 0.2))
+        >>> orbit = periodic_orbit(Henon(a=-0.1, b=0.3), [2.0, 0.6])
+        >>> branch = continue_orbit(orbit, "a", bounds=(-0.13, -0.05))
         >>> nearest = abs(branch.parameter + 0.1225).argmin()
         >>> bool(branch.orbit_errors[nearest] > 100 * branch.error[nearest])
         True

@@ -313,6 +313,22 @@ class SmoothMap(Family, ABC):
             done = now.stop
         return Stretching(logs, errors, None if np.isnan(times).any() else times, here, frame)
 
+    def _growth(self, state: Array, n: int) -> Array:
+        """Logarithms (n,) by which the next n iterates stretch a generic direction, one by one.
+
+        All are -inf where it vanishes, as on a superstable orbit.
+        """
+        direction, logs = generic_direction(state.size), np.empty(n)
+        for i in range(n):
+            direction = self.jacobian(state) @ direction
+            length = float(np.linalg.norm(direction))
+            if length == 0.0:
+                return np.full(n, -np.inf)
+            logs[i] = np.log(length)
+            direction = direction / length
+            state = self.image(state)
+        return logs
+
     def _frame(self, state: Array) -> Array:  # noqa: ARG002
         """The first frame of directions, (d, k): those without an exponent are left out."""
         return np.eye(self.dimension)

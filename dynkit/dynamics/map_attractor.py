@@ -290,15 +290,4 @@ class _MapOrbit:
 
     def growth(self, steps: int) -> Array:
         state = (self.kept if self.window is None else self.window)[-1]
-        # the length of the direction enters the first logarithm, which the label leaves out
-        direction = np.sqrt(np.arange(2.0, 2.0 + state.size))
-        logs = np.empty(steps)
-        for i in range(steps):
-            direction = self.system.jacobian(state) @ direction
-            length = float(np.linalg.norm(direction))
-            if length == 0.0:  # superstable orbit: the disturbance has vanished
-                return np.full(steps, -np.inf)
-            logs[i] = np.log(length)
-            direction = direction / length
-            state = self.system.image(state)
-        return logs
+        return self.system._growth(state, steps)

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
 
-from dynkit.core.smooth_map import refuse_infinite
+from dynkit.core.smooth_map import generic_direction, refuse_infinite
 from dynkit.core.stretching import Stretching
 from dynkit.core.validation import Array, finite_array, non_negative_integer
 from dynkit.dynamics.map import Map
@@ -163,29 +163,39 @@ class SymbolicMap(CompiledMap):
         return self._by_parameter(self._program, state, name)
 
     def stretching(self, state: Array, n: int, frame: Array | None = None) -> Stretching:
-        from dynkit.systems.symbolic import kernels
-
-        kind = type(self)
-        own = kind.__call__, kind.jacobian, kind.jacobian_factors
-        if own != (CompiledMap.__call__, SymbolicMap.jacobian, Map.jacobian_factors):
+        if not self._is_code:
             return super().stretching(state, n, frame)
         count, d = non_negative_integer("n", n), self.dimension
         here = np.array(finite_array("state", state, (d,)))
-        room, (logs, errors) = np.empty((d + 1, d)), np.empty((2, count, d))
         directions = np.eye(d) if frame is None else frame.copy()
-        stop = kernels.stretch(
-            self._program.tangent.address,
-            self._numbers,
-            here,
-            directions,
-            self.accuracy,
-            room,
-            logs,
-            errors,
-        )
-        if stop:
-            refuse_infinite(here, stop)
+        logs, errors = self._carried(here, directions, count, self.accuracy)
         return Stretching(logs, errors, None, here, directions)
+
+    def _growth(self, state: Array, n: int) -> Array:
+        if not self._is_code:
+            return super()._growth(state, n)
+        frame = np.eye(self.dimension)
+        frame[:, 0] = generic_direction(self.dimension)
+        logs = self._carried(state.copy(), frame, n, 0.0)[0][:, 0]
+        return logs if np.isfinite(logs).all() else np.full(n, -np.inf)
+
+    @property
+    def _is_code(self) -> bool:
+        """Whether no subclass has its own steps or derivatives."""
+        kind = type(self)
+        own = kind.__call__, kind.jacobian, kind.jacobian_factors
+        return own == (CompiledMap.__call__, SymbolicMap.jacobian, Map.jacobian_factors)
+
+    def _carried(self, state: Array, frame: Array, n: int, accuracy: float) -> tuple[Array, Array]:
+        """Carry a state and a frame (d, d), modified in place: logarithms (n, d), and errors."""
+        from dynkit.systems.symbolic import kernels
+
+        room, (logs, errors) = np.empty((len(frame) + 1, len(frame))), np.empty((2, n, len(frame)))
+        code = self._program.tangent.address
+        stop = kernels.stretch(code, self._numbers, state, frame, accuracy, room, logs, errors)
+        if stop:
+            refuse_infinite(state, stop)
+        return logs, errors
 
     @property
     def _coordinates(self) -> tuple[str, ...]:

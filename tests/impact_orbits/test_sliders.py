@@ -1,6 +1,7 @@
 """Orbits of machines with sliders: loops in many digits, halts amid slip, random machines."""
 
 import math
+from functools import cache
 from typing import Any
 
 import numpy as np
@@ -54,7 +55,8 @@ MACHINES = {
 }
 
 
-def orbit_of(machine: ImpactChain) -> Any:
+@cache
+def orbit_of(machine: Any) -> Any:
     """The orbit of the attractor from the default start."""
     return machine.attractor(transient=900, impacts=60).periodic_orbit()
 

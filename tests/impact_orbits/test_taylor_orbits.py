@@ -154,7 +154,9 @@ BORDERS = [
 def test_branches_meet_the_bifurcations_of_the_exact_engine(
     name: str, parameter: str, bounds: tuple[float, float]
 ) -> None:
-    branches = [continue_orbit(orbit, parameter, bounds=bounds) for orbit in both(name)]
+    branches = [
+        continue_orbit(orbit, parameter, bounds=bounds, largest_step=0.2) for orbit in both(name)
+    ]
     one, two = (sorted(b.bifurcations, key=lambda each: each.value) for b in branches)
     assert {each.kind for each in one} & {BifurcationKind.GR, BifurcationKind.CB}
     assert [each.kind for each in one] == [each.kind for each in two]
@@ -165,13 +167,14 @@ def test_branches_meet_the_bifurcations_of_the_exact_engine(
 
 @cache
 def toda() -> Any:
-    return TodaChain(masses=5, frequency=0.9).attractor()
+    """The branch of Toda's chain from its orbit at 0.9, and that orbit."""
+    orbit: Any = TodaChain(masses=5, frequency=0.9).attractor().periodic_orbit()
+    return continue_orbit(orbit, "frequency", bounds=(0.86, 0.97)), orbit
 
 
 def test_toda_s_chain_is_followed_through_grazings() -> None:
-    orbit = toda().periodic_orbit()
+    branch, orbit = toda()
     assert (orbit.label, orbit.admissible) == ("P(2,2)", True)
-    branch = continue_orbit(orbit, "frequency", bounds=(0.86, 0.97))
     kinds = [each.kind.name for each in branch.bifurcations]
     assert kinds == ["PD", "GR", "NS", "GR", "PD"]
     low, high = (each.value for each in branch.bifurcations if each.kind is BifurcationKind.GR)
@@ -184,8 +187,8 @@ def test_toda_s_chain_is_followed_through_grazings() -> None:
 
 
 def test_at_a_grazing_the_gap_of_simulation_touches_zero() -> None:
-    branch = continue_orbit(toda().periodic_orbit(), "frequency", bounds=(0.87, 0.9))
-    (grazing,) = (each for each in branch.bifurcations if each.kind is BifurcationKind.GR)
+    grazing = toda()[0].bifurcations[1]
+    assert 0.87 < grazing.value < 0.9
     orbit = grazing.orbit
     system, times = orbit.system, np.linspace(0.0, orbit.period, 20001)
     x, _ = orbit.sample(times)
@@ -199,8 +202,8 @@ def test_at_a_grazing_the_gap_of_simulation_touches_zero() -> None:
 
 
 def test_criticality_curves_and_stores(tmp_path: Any) -> None:
-    branch = continue_orbit(toda().periodic_orbit(), "frequency", bounds=(0.89, 0.9595))
-    torus, grazing, _ = branch.bifurcations
+    branch, _ = toda()
+    _, _, torus, grazing, _ = branch.bifurcations
     assert torus.rotation_number == pytest.approx(0.2465, abs=1e-4)
     assert str(torus.criticality).startswith("subcritical")
     bounds = (0.95, 0.97), (0.099, 0.101)
@@ -247,7 +250,7 @@ def test_toda_s_chain_chatters_and_sticks() -> None:
     x, _ = orbit.sample(np.linspace(begin, end, 20) + 1e-9)
     phases = orbit.phases[0] + chain.frequency * np.linspace(begin, end, 20)
     assert x[:, -1] == pytest.approx(chain.amplitude * np.sin(phases), abs=1e-8)
-    branch = continue_orbit(orbit, "frequency", bounds=(0.1995, 0.2005))
+    branch = continue_orbit(orbit, "frequency", bounds=(0.1995, 0.2005), largest_step=0.5)
     for place in (0, -1):
         there = branch.orbit(place)
         settled: Any = there.system.attractor(start=attractor.final).periodic_orbit()

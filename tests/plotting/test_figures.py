@@ -121,5 +121,6 @@ def test_no_colour_is_chosen_before_a_figure_is_drawn() -> None:
     root = Path(__file__).parents[2]
     for folder in ("dynkit", "systems", "analysis", "tutorials"):
         for path in (root / folder).rglob("*.py"):
-            frozen = called_at_import(path.read_text(encoding="utf-8")) & {"ink", "circles"}
-            assert not frozen, path
+            text = path.read_text(encoding="utf-8")
+            if "ink" in text or "circles" in text:
+                assert not called_at_import(text) & {"ink", "circles"}, path

@@ -208,6 +208,13 @@ RESULTS: dict[str, Callable[[], Any]] = {
 }
 """How to make one of each: of measures as the example of the class does."""
 
+
+@cache
+def made(name: str) -> Any:
+    """A result, which the tests share."""
+    return RESULTS[name]()
+
+
 MADE = {name.partition(",")[0] for name in RESULTS}
 """Their classes."""
 
@@ -238,7 +245,7 @@ def test_cost_and_error_of_results_are_documented(kind: type, member: str) -> No
 
 @pytest.mark.parametrize("name", RESULTS)
 def test_results_have_a_cost_and_an_error(name: str) -> None:
-    result = RESULTS[name]()
+    result = made(name)
     assert type(result).__name__ == name.partition(",")[0]
     assert isinstance(result.cost, Cost)
     error = np.asarray(result.error, dtype=float)
@@ -249,7 +256,7 @@ def test_results_have_a_cost_and_an_error(name: str) -> None:
 
 @pytest.mark.parametrize("name", ["Branch", "ImpactOrbit", "MapOrbit", "ImpactOrbit, sticking"])
 def test_each_multiplier_has_an_error(name: str) -> None:
-    result = RESULTS[name]()
+    result = made(name)
     error = result.multipliers_error
     assert error.shape == result.multipliers.shape
     assert (error >= 0.0).all()
@@ -258,7 +265,7 @@ def test_each_multiplier_has_an_error(name: str) -> None:
 
 
 def test_nothing_is_known_of_multipliers_of_an_impact_that_only_grazes() -> None:
-    orbit = RESULTS["ImpactOrbit"]()
+    orbit = made("ImpactOrbit")
     grazing = orbit.problem().orbit(
         orbit.unknowns * np.repeat([1.0, 0.0], orbit.impacts), np.empty(0), (0.0,)
     )
@@ -268,7 +275,7 @@ def test_nothing_is_known_of_multipliers_of_an_impact_that_only_grazes() -> None
 @pytest.mark.parametrize("name", RESULTS)
 def test_whatever_results_hold_is_known(name: str) -> None:
     """What annotations do not tell: the classes of the values of all properties."""
-    result = RESULTS[name]()
+    result = made(name)
     known = NO_RESULTS.keys() | MADE
     for member in dir(type(result)):
         described = inspect.getattr_static(type(result), member)

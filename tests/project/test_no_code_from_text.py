@@ -38,15 +38,6 @@ ALLOWED = {
 PIPES = "dynkit/engine/"
 
 
-@cache
-def sources() -> dict[str, ast.AST]:
-    return {
-        path.relative_to(ROOT).as_posix(): ast.parse(path.read_text(encoding="utf-8"))
-        for folder in ("dynkit", "systems", "analysis", "tutorials")
-        for path in (ROOT / folder).rglob("*.py")
-    }
-
-
 def suspicious(tree: ast.AST) -> set[str]:
     """Names in a source that make code of text."""
     found = set()
@@ -71,11 +62,22 @@ def suspicious(tree: ast.AST) -> set[str]:
     return found
 
 
+@cache
+def found_in_sources() -> dict[str, tuple[set[str], set[str]]]:
+    """What makes code of text, and what writes files, in each source, which is read once."""
+    found = {}
+    for folder in ("dynkit", "systems", "analysis", "tutorials"):
+        for path in (ROOT / folder).rglob("*.py"):
+            tree = ast.parse(path.read_text(encoding="utf-8"))
+            found[path.relative_to(ROOT).as_posix()] = suspicious(tree), written(tree)
+    return found
+
+
 def test_no_source_makes_code_of_text() -> None:
     found = {
         (name, each)
-        for name, tree in sources().items()
-        for each in suspicious(tree)
+        for name, (code, _) in found_in_sources().items()
+        for each in code
         if not (name.startswith(PIPES) and each == "pickle")
     }
     assert found == ALLOWED
@@ -197,7 +199,7 @@ def written(tree: ast.AST) -> set[str]:
 
 
 def test_files_are_written_in_one_place_only() -> None:
-    found = {name: written(tree) for name, tree in sources().items()}
+    found = {name: files for name, (_, files) in found_in_sources().items()}
     assert {name: each for name, each in found.items() if each} == {
         "dynkit/data/atomic_files.py": {"open"}
     }

@@ -46,6 +46,7 @@ def test_dask_gives_the_same_bits_also_when_a_worker_is_killed(tmp_path: Path) -
 
     dask: Any = distributed  # it has types for some of its functions only
     file = tmp_path / "deadly"
+    system = Deadly(file=str(file))
     with (
         dask.LocalCluster(
             n_workers=2,
@@ -59,10 +60,10 @@ def test_dask_gives_the_same_bits_also_when_a_worker_is_killed(tmp_path: Path) -
     ):
         before = set(client.run(os.getpid).values())
         file.touch()
-        found = mapped(client.get_executor(), Deadly(file=str(file)))
+        found = mapped(client.get_executor(), system)
         assert not file.exists()
         assert set(client.run(os.getpid).values()) != before
-    assert bits(found) == serial("parameter_map")
+    assert bits(found) == bits(mapped(system=system))
 
 
 def test_mpi_gives_the_same_bits() -> None:

@@ -32,7 +32,7 @@ MOMENTS: list[tuple[str, float]] = [
 ]
 """When sweeps of a chain die: at a call of the system, or so many seconds after the first write."""
 
-RATES = np.linspace(3.4, 3.9, 12)
+RATES = np.linspace(3.4, 3.9, 8)
 
 
 def swept(store: Path | None) -> Sweep:
@@ -128,7 +128,7 @@ def _sweep_and_tell(store: Path, tell: int, seed: int | None) -> None:
 
 
 def _die_at(draw: random.Random) -> None:
-    calls = draw.randrange(1, 60)
+    calls = draw.randrange(1, 40)
 
     def die() -> None:
         os.kill(os.getpid(), signal.SIGKILL)

@@ -14,11 +14,12 @@ import math
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from functools import cache, cached_property, lru_cache, wraps
-from threading import RLock
+from threading import RLock, local
 from typing import Any, final
 
 import numpy as np
 
+from dynkit.core.kept import kept
 from dynkit.core.no_motion import CannotFollow, Diverged
 from dynkit.core.validation import Array
 from dynkit.systems.impact.modes.taylor_equations import Plan, system_of
@@ -55,13 +56,25 @@ def _code() -> dict[str, Any]:
     return CODE
 
 
+@final
+class _Compiled(local):
+    """A compiled integrator. It holds one motion, so each thread has a copy, `here`."""
+
+    def __init__(self, integrator: Any) -> None:
+        self.integrator = integrator
+
+    @cached_property
+    def here(self) -> Any:
+        return copy.copy(self.integrator)
+
+
 @lru_cache(_MOST_KEPT)
-def _integrator(plan: Plan) -> Any:
+def _integrator(plan: Plan) -> _Compiled:
     """Integrator of a plan, whose events are the guards."""
     hy = _heyoka()
     variables, rates, guards = system_of(hy, plan)
     down = hy.event_direction.negative
-    return hy.taylor_adaptive(
+    made = hy.taylor_adaptive(
         list(zip(variables, rates, strict=True)),
         [0.0] * len(variables),
         compact_mode=len(variables) > _LARGE,
@@ -69,6 +82,7 @@ def _integrator(plan: Plan) -> Any:
         **_METHOD,
         **_code(),
     )
+    return _Compiled(made)
 
 
 def _moved(hy: Any, plan: Plan, places: tuple[int, ...], given: list[Any]) -> tuple[Any, Any]:
@@ -79,7 +93,7 @@ def _moved(hy: Any, plan: Plan, places: tuple[int, ...], given: list[Any]) -> tu
 
 
 @lru_cache(_MOST_KEPT)
-def _variations(plan: Plan, places: tuple[int, ...] | None = None) -> Any:
+def _variations(plan: Plan, places: tuple[int, ...] | None = None) -> _Compiled:
     """The same, with derivatives by the state and by the phase, or by a change of some numbers."""
     hy = _heyoka()
     variables, rates, _ = system_of(hy, plan)
@@ -90,7 +104,7 @@ def _variations(plan: Plan, places: tuple[int, ...] | None = None) -> Any:
     system = hy.var_ode_sys(list(zip(variables, rates, strict=True)), by)
     large = plan.eliminates or len(system.sys) > _LARGE
     options = {"compact_mode": large, **_METHOD, **_code()}
-    return hy.taylor_adaptive(system, [0.0] * len(variables), **options)
+    return _Compiled(hy.taylor_adaptive(system, [0.0] * len(variables), **options))
 
 
 @lru_cache(_MOST_KEPT)
@@ -183,33 +197,42 @@ class Chart:
         self.springs = {k: self._size + i for i, k in enumerate(plan.sliders)}
         self.places = dict(plan.stops) | {k: more[k] for k in parted}
         self.speeds = dict((*plan.stops, *plan.rubs)) | self.springs | more
-        self._changing: dict[tuple[int, ...], Any] = {}
         self.lock = RLock()
         self._plain = bool((self.to_x == np.eye(len(self.to_x))).all()) and not plan.rubs
-
-    def _with_numbers(self, compiled: Any) -> Any:
-        """A copy of an integrator, with the numbers put in."""
-        made = copy.copy(compiled)
-        made.pars[:] = self._pars[: len(made.pars)]
-        return made
 
     @cached_property
     def integrator(self) -> Any:
         """An integrator of its own, with the numbers put in."""
-        made = self._with_numbers(_integrator(self.plan))
+        made = copy.copy(_integrator(self.plan).integrator)
+        made.pars[:] = self._pars[: len(made.pars)]
         size = 2 * (len(self.to_x) + len(self._more))
         self._z_of, self._turn_of, self._pars_of = *np.split(made.state, [size]), made.pars
         return made
 
     @cached_property
-    def variations(self) -> Any:
-        """An integrator of derivatives, without events, with the numbers put in."""
-        return self._with_numbers(_variations(self.plan.without_guards))
+    def _unguarded(self) -> Plan:
+        return self.plan.without_guards
 
     @cached_property
-    def eventless(self) -> Any:
-        """An integrator without events, with the numbers put in."""
-        return self._with_numbers(_integrator(self.plan.without_guards))
+    def _eventless(self) -> _Compiled:
+        return _integrator(self._unguarded)
+
+    @kept
+    def _varied(self, places: tuple[int, ...] | None) -> _Compiled:
+        """Of derivatives, by the state and the phase, or by a change of some numbers."""
+        plan = self._unguarded if places is None else self._unguarded.where(places)
+        return _variations(plan, places)
+
+    def _begun(self, compiled: _Compiled, sine: float, cosine: float, *more: float) -> Any:
+        """An integrator of this thread at time zero, with a phase, the numbers, and more of them.
+
+        Those that are not in the equations may be missing.
+        """
+        made = compiled.here
+        numbers = np.concatenate([self._pars[: self._unguarded.size], more])
+        made.time, made.pars[:] = 0.0, numbers[: len(made.pars)]
+        made.pars[:1] = math.atan2(sine, cosine)
+        return made
 
     def shifts(self, sine: Any, cosine: Any, one: Any = 1.0) -> tuple[Any, Any]:
         """What the motion of elements adds to bare coordinates, (..., N + J) and (..., N).
@@ -389,11 +412,9 @@ class Chart:
         made.step(max_delta_t=0.0, write_tc=True)
         return np.array(made.tc[: len(z)])
 
-    @_alone
     def path(self, z: Array, sine: float, cosine: float, longest: float) -> tuple[Array, Array]:
         """Begins (k + 1,) of steps, and their Taylor coefficients (k, 2 N + J, order + 1), bare."""
-        made, begins, found = self.eventless, [0.0], []
-        made.time, made.pars[:1] = 0.0, math.atan2(sine, cosine)
+        made, begins, found = self._begun(self._eventless, sine, cosine), [0.0], []
         made.state[:] = self.bare(z, sine, cosine)
         (success, _, time_limit), period = _outcomes(), math.tau / self._pars[1]
         while begins[-1] <= longest:
@@ -406,13 +427,11 @@ class Chart:
                 raise Diverged(f"the motion runs away within {made.time:.6g} from {z.tolist()}")
         return np.array(begins), np.array(found)
 
-    @_alone
     def transition(
         self, z: Array, sine: float, cosine: float, duration: float
     ) -> tuple[Array, Array]:
         """Bare coordinates (m,) after a duration, and derivative (m, m + 1) by those and phase."""
-        made, m = self.variations, len(self.to_x) + self._size
-        made.time, made.pars[:1] = 0.0, math.atan2(sine, cosine)
+        made, m = self._begun(self._varied(None), sine, cosine), len(self.to_x) + self._size
         made.state[:m] = self.bare(z, sine, cosine)
         made.state[m:] = np.eye(m, m + 1).ravel()
         outcome, *_ = made.propagate_until(duration)
@@ -439,19 +458,13 @@ class Chart:
         found = np.asarray(made(bare, pars=pars[: made.nparams], time=0.0))
         return found if change is not None else found.reshape(-1, len(bare) + 1)
 
-    @_alone
     def changed(
         self, z: Array, sine: float, cosine: float, duration: float, change: Array
     ) -> Array:
         """Change of bare coordinates (m,) after a duration by a change of the numbers."""
-        plain, m = self.plan.without_guards, len(self.to_x) + self._size
-        places = tuple(np.flatnonzero(change[: plain.size]).tolist())
-        if places not in self._changing:
-            self._changing[places] = copy.copy(_variations(plain.where(places), places))
-        made = self._changing[places]
-        pars = np.concatenate([self._pars[: plain.size], [0.0], change[list(places)]])
-        pars[0], made.time = math.atan2(sine, cosine), 0.0
-        made.pars[:] = pars[: len(made.pars)]  # those that are not in the equations may be missing
+        m = len(self.to_x) + self._size
+        places = tuple(np.flatnonzero(change[: self._unguarded.size]).tolist())
+        made = self._begun(self._varied(places), sine, cosine, 0.0, *change[list(places)])
         made.state[:m], made.state[m:] = self.bare(z, sine, cosine), 0.0
         outcome, *_ = made.propagate_until(duration)
         if int(outcome) != _outcomes()[2] or not np.isfinite(made.state).all():

@@ -480,9 +480,9 @@ class TaylorMode:
 
     def changed(self, start: Array, duration: float, change: Array) -> Array:
         """Change of positions, velocities and sliders after a duration by one of the numbers."""
-        chart, turn = self._plain, start[:, -1].tolist()
-        z = chart.coordinates(*start[:, :-1], *turn)
-        found = chart.changed(z, *turn, duration, change)
+        chart, (x, v), (sine, cosine) = self._plain, start[:, :-1], start[:, -1].tolist()
+        z = chart.coordinates(x, v, sine, cosine)
+        found = chart.changed(z, sine, cosine, duration, change)
         p = len(chart.to_x)
         return np.asarray(np.concatenate([chart.back_x @ found[:p], found[p:]])[self._order])
 

@@ -3,11 +3,10 @@
 from __future__ import annotations
 
 from functools import cached_property
-from itertools import pairwise
 from typing import TYPE_CHECKING, Any, final
 
 import numpy as np
-from numpy.polynomial import Chebyshev, chebyshev, polynomial
+from numpy.polynomial import chebyshev, polynomial
 from scipy.special import factorial
 
 from dynkit.core.differences import STEP
@@ -98,25 +97,28 @@ class TaylorSolution(ShootingSolution):
         return self._modes[i].path(self.begun(i), float(self.durations[i]) - late), late
 
     def _curve(self, i: int, element: int, guard: int) -> Curve:
-        (path, late), flights, parts, size = self._path(i), self._modes[i], [], 0.0
-        for begin, end in pairwise([*path.ends[:-1].tolist(), path.reach]):
+        (path, late), flights, found, size = self._path(i), self._modes[i], [], 0.0
+        begins, ends = path.ends[:-1], np.append(path.ends[1:-1], path.reach)
+        for begin, end in zip(begins, ends, strict=True):
             places = 0.5 * (begin + end) + 0.5 * (end - begin) * _PLACES
             z = flights.whole(path.states(places))
             values, rows = flights.seen(element, guard, z)
             size = max(size, float((abs(z) * abs(rows)).sum(axis=1).max()))
-            parts.append(Chebyshev(_COEFFICIENTS @ values, domain=[begin, end]))
-        orders = [[part.deriv(k) if k else part for part in parts] for k in range(3)]
+            found.append(_COEFFICIENTS @ values)
+        off, scale = (-ends - begins) / (ends - begins), 2.0 / (ends - begins)
+        series = np.zeros((3, _POINTS, len(begins)))
+        for k in range(3):
+            series[k, : _POINTS - k] = chebyshev.chebder(np.array(found).T, k, scale)
 
         def at(times: Array, count: int) -> Array:
             which = np.searchsorted(path.ends[1:-1], times, side="right")
-            out = np.empty((count, len(times)))
-            for k in np.unique(which).tolist():
-                here = which == k
-                out[:, here] = [own[k](times[here]) for own in orders[:count]]
-            return out
+            own = series[:count, :, which].swapaxes(0, 1)
+            places = off[which] + scale[which] * times
+            return np.asarray(chebyshev.chebval(places, own, tensor=False), dtype=float)
 
         lasts = float(self.durations[i]) - late
-        bend = max(float(abs(own(own.linspace(9)[0])).max()) for own in orders[2])
+        inside = off + scale * np.linspace(begins, ends, 9)
+        bend = float(abs(chebyshev.chebval(inside, series[2][:, None], tensor=False)).max())
         return Curve(at, lasts, (size, bend))
 
     @cached_property
