@@ -61,13 +61,13 @@ def stretch(
     parameters : (m,) array
     state : (d,) array
         Modified in place: the last state.
-    frame : (d, d) array
+    frame : (d, k) array
         Modified in place: its columns are orthonormal.
     accuracy : float
         Error of an entry of the jacobian, relative to its norm.
     room : (d + 1, d) array
         Modified in place.
-    logs, errors : (n, d) arrays
+    logs, errors : (n, k) arrays
         Modified in place: logarithms of lengths, and their errors.
 
     Returns

@@ -174,8 +174,7 @@ class SymbolicMap(CompiledMap):
     def _growth(self, state: Array, n: int) -> Array:
         if not self._is_code:
             return super()._growth(state, n)
-        frame = np.eye(self.dimension)
-        frame[:, 0] = generic_direction(self.dimension)
+        frame = generic_direction(self.dimension)[:, None].copy()
         logs = self._carried(state.copy(), frame, n, 0.0)[0][:, 0]
         return logs if np.isfinite(logs).all() else np.full(n, -np.inf)
 
@@ -187,10 +186,11 @@ class SymbolicMap(CompiledMap):
         return own == (CompiledMap.__call__, SymbolicMap.jacobian, Map.jacobian_factors)
 
     def _carried(self, state: Array, frame: Array, n: int, accuracy: float) -> tuple[Array, Array]:
-        """Carry a state and a frame (d, d), modified in place: logarithms (n, d), and errors."""
+        """Carry a state and a frame (d, k), modified in place: logarithms (n, k), and errors."""
         from dynkit.systems.symbolic import kernels
 
-        room, (logs, errors) = np.empty((len(frame) + 1, len(frame))), np.empty((2, n, len(frame)))
+        d, k = frame.shape
+        room, (logs, errors) = np.empty((d + 1, d)), np.empty((2, n, k))
         code = self._program.tangent.address
         stop = kernels.stretch(code, self._numbers, state, frame, accuracy, room, logs, errors)
         if stop:
