@@ -26,8 +26,8 @@ NEAR = (
 )  # fmt: skip
 """Orbits by their number, and values of their parameter near which they end.
 
-Of every eleventh orbit that is kept: one in six ends where `borders_of` follows it. These values
-are 3 % of the way from where it ends to where it is kept.
+Of every eleventh orbit that is kept: one in six ends where `borders_of` follows it. Three that take
+long are left out. These values are 3 % of the way from where it ends to where it is kept.
 """
 PART = 0.06
 """Of that way: so far an orbit of `NEAR` is followed in both directions."""

@@ -26,7 +26,7 @@ MACHINES, MOST = 400, 6
 TRANSIENT, KEPT = 4000, 40
 
 SLIDING = (14, 22, 23, 28, 33, 54, 60, 62, 79, 94, 101, 115, 119)
-"""Those with sliders, whose orbits are those of the map."""
+"""Some of those with sliders, whose orbits are those of the map, that are found soonest."""
 
 SETTLED = (34, 35, 48, 65, 77, 95, 105, 107, 112, 116, 121, 126, 144, 149, 155, 184, 188, 207, 214)
 """Machines that settle on an orbit, of which nothing holds or sticks where the section is."""
