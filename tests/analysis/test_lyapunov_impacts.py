@@ -313,9 +313,11 @@ HOLDING = {
 def test_what_holds_takes_directions_and_the_others_are_logarithms_of_multipliers(
     system: ImpactOscillator, taken: int
 ) -> None:
-    attractor = system.attractor(transient=400)
+    # one pair of multipliers has moduli that are near each other, which takes many iterates
+    transient, keep, iterations = (150, 50, 150) if system.engine == "Taylor" else (400, 100, 400)
+    attractor = system.attractor(transient=transient, keep=keep)
     orbit = attractor.periodic_orbit()
-    spectrum = LyapunovSpectrum(attractor, 400)
+    spectrum = LyapunovSpectrum(attractor, iterations)
     left = system.dimension - taken
     assert np.isneginf(spectrum.exponents).tolist() == left * [False] + taken * [True]
     multipliers = np.sort(abs(orbit.multipliers))[::-1]

@@ -39,7 +39,7 @@ MAPS: dict[str, tuple[PoincareMap, list[list[float]]]] = {
     ),
     "duffing, parabola": (
         poincare_map("duffing", Parabola(1, height=-0.1, bend=0.4)),
-        [[1.1, 0.3], [-0.8, 2.0]],
+        [[1.1, 0.3]],
     ),
     "lorenz, downwards through the fixed points' plane": (
         poincare_map("lorenz", Hyperplane(np.array([0.0, 0.0, 1.0]), 27.0, -1)),
@@ -47,19 +47,11 @@ MAPS: dict[str, tuple[PoincareMap, list[list[float]]]] = {
     ),
     "lorenz, oblique plane": (
         poincare_map("lorenz", Hyperplane(np.array([1.0, -0.5, 0.2]), 3.0)),
-        [[-8.0, 18.0], [-5.0, 16.0]],
-    ),
-    "lorenz, parabola": (
-        poincare_map("lorenz", Parabola(2, height=20.0, bend=0.03, direction=-1)),
-        [[2.0, 2.0], [-4.0, 0.5]],
+        [[-8.0, 18.0]],
     ),
     "rossler, plane": (
         poincare_map("rossler", Hyperplane(np.array([1.0, 0.0, 0.0]))),
-        [[-8.0, 0.03], [-5.0, 0.03]],
-    ),
-    "rossler, parabola": (
-        poincare_map("rossler", Parabola(1, height=-1.0, bend=0.1)),
-        [[-4.0, 0.02], [-6.0, 0.02]],
+        [[-8.0, 0.03]],
     ),
 }
 

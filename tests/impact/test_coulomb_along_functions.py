@@ -271,7 +271,7 @@ PARAMETERS = {
 @cache
 def orbits(name: str) -> tuple[Any, Any]:
     pairs = zip(both(name), starts(name), strict=True)
-    one, two = (m.attractor(transient=200, start=s).periodic_orbit() for m, s in pairs)
+    one, two = (m.attractor(transient=60, keep=60, start=s).periodic_orbit() for m, s in pairs)
     return one, two
 
 
@@ -282,7 +282,7 @@ def test_orbits_and_their_derivatives_are_those_of_the_chain(name: str) -> None:
 
 def test_a_branch_meets_the_bifurcations_of_the_chain() -> None:
     found = [
-        continue_orbit(orbit, "sole.coefficient", bounds=(0.2, 0.4)).bifurcations
+        continue_orbit(orbit, "sole.coefficient", bounds=(0.26, 0.38)).bifurcations
         for orbit in orbits("impacts")
     ]
     assert len(found[0]) == len(found[1]) > 0
@@ -293,7 +293,7 @@ def test_a_branch_meets_the_bifurcations_of_the_chain() -> None:
 
 
 def test_exponents_are_those_of_the_orbit() -> None:
-    attractor = both("impacts")[1].attractor(transient=200, start=starts("impacts")[1])
+    attractor = both("impacts")[1].attractor(transient=60, keep=60, start=starts("impacts")[1])
     spectrum = LyapunovSpectrum(attractor, iterations=129)
     orbit = orbits("impacts")[1]
     expected = np.log(abs(orbit.multipliers[:3])) / len(orbit.impulses)

@@ -342,7 +342,7 @@ def test_friction_along_a_row_that_a_gradient_meets_is_refused_by_name() -> None
 @cache
 def orbits(name: str) -> tuple[Any, Any]:
     """The orbits of the chain and of the bent one."""
-    exact, bent = (s.attractor(transient=200).periodic_orbit() for s in both(name))
+    exact, bent = (s.attractor(transient=60, keep=30).periodic_orbit() for s in both(name))
     return exact, bent
 
 
@@ -572,7 +572,7 @@ def test_an_orbit_on_two_stops_along_functions_is_that_of_the_chain() -> None:
         table = HardStop(rows[1], **TABLE)
         other = HardStop(rows[0], offset=-0.01, restitution=0.4)
         machine = maker(elements=[table, other], **GIVEN)
-        found.append(machine.attractor(transient=200).periodic_orbit())
+        found.append(machine.attractor(transient=60, keep=30).periodic_orbit())
     exact, bent = found
     assert {event.element for event in exact.problem().itinerary} == {0, 1}
     allowed = exact.error + bent.error

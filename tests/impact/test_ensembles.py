@@ -99,9 +99,10 @@ def test_motions_that_end_early_have_the_basins_of_whole_motions(
     name: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     system, size, more = CASES[name]
-    starts = random_starts(system, size, 80)
+    # each chaotic motion has a label of its own, of thousands of impacts
+    starts = random_starts(system, size, 24 if "chaos" in name else 60)
     whole = basins(system, starts, **more, progress=False)
-    monkeypatch.setattr(arriving, "_MANY", 64)
+    monkeypatch.setattr(arriving, "_MANY", 24)
     found = basins(system, starts, **more, progress=False)
     assert np.array_equal(found.numbers, whole.numbers)
     for one, other in zip(found.basins, whole.basins, strict=True):

@@ -20,6 +20,7 @@ from dynkit.systems import (
     SoftStop,
 )
 from dynkit.systems.impact.simulation.runs import trajectory_of
+from tests.effort import is_thorough
 from tests.impact.agreement import moves_as_in_many_digits
 
 
@@ -415,7 +416,7 @@ def random_machine(seed: int, *, hit: bool) -> tuple[ImpactChain, Array, Array]:
 
 
 @pytest.mark.parametrize("hit", [False, True])
-@pytest.mark.parametrize("seed", range(16))
+@pytest.mark.parametrize("seed", range(16 if is_thorough() else 10))
 def test_random_machines_with_friction_move_as_in_many_digits(seed: int, hit: bool) -> None:
     chain, place, velocity = random_machine(seed, hit=hit)
     found = moves_as_in_many_digits(chain, place, velocity, impacts=5, most=1e-10)

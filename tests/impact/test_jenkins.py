@@ -19,6 +19,7 @@ from dynkit.systems import (
     SoftStop,
     iwan,
 )
+from tests.effort import is_thorough
 from tests.reference.soft_stops import DIGITS, SoftStopReference
 from tests.validation.machines import compared
 
@@ -104,17 +105,18 @@ def test_a_free_decay_in_closed_form() -> None:
 
 
 def test_sliders_along_one_row_share_their_changes_of_basis() -> None:
-    joint = iwan(0, stiffness=2.0, force=0.5, elements=30)
+    count = 20
+    joint = iwan(0, stiffness=2.0, force=0.5, elements=count)
     machine = ImpactChain(masses=1, frequency=0.8, harmonic_forces=[0.8], elements=joint)
     record = machine.simulate(impacts=4)
     automaton = machine._automaton
     # sliders that slide at the same time do so in any order
     assert len(automaton._rows) == len(automaton._changes)
-    assert 2 * len(automaton.modes) < 180
-    fewer = machine.replace(elements=iwan(0, stiffness=2.0, force=0.5, elements=29))
-    # more elements change the joint by their number to the power -2
+    assert 2 * len(automaton.modes) < 6 * count
+    fewer = machine.replace(elements=iwan(0, stiffness=2.0, force=0.5, elements=count - 1))
+    # elements change the joint by their number to the power -2, and one of them by that to -3
     apart = abs(fewer.simulate(impacts=4).position - record.position).max()
-    assert 0.0 < apart < 1e-4
+    assert 0.0 < apart < 2.7 / count**3
 
 
 def test_a_slider_that_nothing_moves_is_a_spring() -> None:
@@ -274,11 +276,11 @@ def test_it_holds_while_a_stop_is_closed() -> None:
 
 def test_a_chain_with_a_joint_of_iwans() -> None:
     chain = ImpactChain(
-        masses=100,
+        masses=40,
         damping=0.05,
         frequency=0.5,
-        harmonic_forces=[0.0] * 50 + [0.5] + [0.0] * 49,
-        elements=iwan((49, 50), stiffness=2.0, force=0.3, elements=10, exponent=-0.5),
+        harmonic_forces=[0.0] * 20 + [0.5] + [0.0] * 19,
+        elements=iwan((19, 20), stiffness=2.0, force=0.3, elements=10, exponent=-0.5),
     )
     record = chain.simulate(impacts=4)
     assert len(record) == 4
@@ -424,7 +426,7 @@ def agrees(chain: ImpactChain, place: Array, velocity: Array, *, hit: bool) -> N
 
 
 @pytest.mark.parametrize("hit", [False, True])
-@pytest.mark.parametrize("seed", range(12))
+@pytest.mark.parametrize("seed", range(12 if is_thorough() else 10))
 def test_random_machines_move_as_in_many_digits(seed: int, hit: bool) -> None:
     agrees(*random_machine(seed, hit=hit), hit=hit)
 

@@ -12,6 +12,7 @@ import dynkit
 from dynkit.analysis import BifurcationDiagram
 from dynkit.systems import DryFriction, HardStop, ImpactChain, MatrixOscillator, SoftStop
 from dynkit.systems.impact.records.event_counts import element_names
+from tests.effort import is_thorough
 from tests.impact.test_friction import random_machine as with_friction
 from tests.impact.test_rough_stops import random_machine as on_rough_ground
 from tests.reference.soft_stops import DIGITS, SoftStopReference
@@ -145,7 +146,7 @@ def test_an_impact_on_what_lies_gives_impulses_to_both_stops() -> None:
 
 
 @pytest.mark.parametrize("machine", [with_friction, on_rough_ground])
-@pytest.mark.parametrize("seed", range(12))
+@pytest.mark.parametrize("seed", range(12 if is_thorough() else 10))
 def test_forces_of_random_machines_are_those_of_many_digits(machine: Any, seed: int) -> None:
     hit = machine is on_rough_ground or seed % 2 == 0
     chain, place, velocity = machine(seed, **({"hit": hit} if machine is with_friction else {}))

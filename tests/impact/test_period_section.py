@@ -139,7 +139,7 @@ def test_what_is_measured_without_impacts() -> None:
     assert abs(orbit.multipliers).max() == pytest.approx(abs(label.multiplier), abs=1e-6)
     record = MACHINE.simulate(impacts=40)
     moments = record.second_moments()
-    times = np.linspace(0.0, record.time[-1], 400_001)
+    times = np.linspace(0.0, record.time[-1], 40_001)
     x = record.sample(times)[0]
     mean = np.trapezoid(x, times, axis=0) / times[-1]
     assert abs(moments.sums.sum(axis=0) / times[-1] - mean).max() < 1e-6

@@ -54,7 +54,7 @@ def rounding(record: ImpactRecord) -> Array:
 
 
 @each(*CLASSES)
-@share(0.3)
+@share(0.2)
 @given(st.data())
 def test_times_increase_and_fall_never(family: str, data: st.DataObject) -> None:
     begin = data.draw(FAMILIES[family])
@@ -62,13 +62,14 @@ def test_times_increase_and_fall_never(family: str, data: st.DataObject) -> None
 
 
 @each("chain", "single", "ball")
-@share(0.3)
+@share(0.2)
 @given(st.data())
 def test_relative_velocities_are_not_negative_at_one_stop(family: str, data: st.DataObject) -> None:
     begin = data.draw(FAMILIES[family])
     assert (begin.simulate(60).relative_velocity >= 0.0).all()
 
 
+@share(0.5)
 @given(chains())
 def test_the_contact_mass_is_on_the_table_at_impacts(begin: Begin) -> None:
     record = begin.simulate(60)
@@ -76,6 +77,7 @@ def test_the_contact_mass_is_on_the_table_at_impacts(begin: Begin) -> None:
     assert (abs(record.position[:, -1] - table) <= rounding(record)).all()
 
 
+@share(0.5)
 @given(chains())
 def test_the_contact_mass_leaves_the_table_with_its_relative_velocity(begin: Begin) -> None:
     record = without_touches(begin.simulate(60))
@@ -101,7 +103,7 @@ def at_its_stop(record: ImpactRecord) -> bool:
 
 
 @each(*ONE_MASS)
-@share(0.3)
+@share(0.2)
 @given(st.data())
 def test_the_mass_is_at_the_stop_that_its_relative_velocity_tells(
     family: str, data: st.DataObject
@@ -137,7 +139,7 @@ def test_the_mass_is_at_its_stop_however_far_its_spring_would_pull_it(
 
 
 @each(*CLASSES)
-@share(0.3)
+@share(0.2)
 @given(st.data())
 def test_phases_are_those_of_the_times(family: str, data: st.DataObject) -> None:
     begin = data.draw(FAMILIES[family])
@@ -148,7 +150,7 @@ def test_phases_are_those_of_the_times(family: str, data: st.DataObject) -> None
 
 
 @each(*CLASSES)
-@share(0.3)
+@share(0.2)
 @given(st.data())
 def test_no_impact_is_missed(family: str, data: st.DataObject) -> None:
     begin = data.draw(FAMILIES[family])
@@ -166,7 +168,7 @@ def test_no_impact_is_missed(family: str, data: st.DataObject) -> None:
 
 
 @each(*CLASSES)
-@share(0.3)
+@share(0.2)
 @given(st.data())
 def test_impacts_obey_the_law_of_restitution(family: str, data: st.DataObject) -> None:
     begin = data.draw(FAMILIES[family])
@@ -187,7 +189,7 @@ def test_impacts_obey_the_law_of_restitution(family: str, data: st.DataObject) -
 
 
 @each(*CLASSES)
-@share(0.3)
+@share(0.2)
 @given(st.data())
 def test_section_states_make_the_states_they_are_of(family: str, data: st.DataObject) -> None:
     begin = data.draw(FAMILIES[family])
@@ -199,7 +201,7 @@ def test_section_states_make_the_states_they_are_of(family: str, data: st.DataOb
 
 
 @each(*CLASSES)
-@share(0.3)
+@share(0.2)
 @given(st.data())
 def test_packed_states_are_unpacked_to_the_bit(family: str, data: st.DataObject) -> None:
     begin = data.draw(FAMILIES[family])
@@ -212,7 +214,7 @@ def test_packed_states_are_unpacked_to_the_bit(family: str, data: st.DataObject)
 
 
 @each(*FAMILIES)
-@share(0.3)
+@share(0.2)
 @given(st.data(), st.integers(1, 29))
 def test_any_two_runs_are_one(family: str, data: st.DataObject, first: int) -> None:
     begin = data.draw(FAMILIES[family])
@@ -224,13 +226,14 @@ def test_any_two_runs_are_one(family: str, data: st.DataObject, first: int) -> N
         assert rest.ending is whole.ending
 
 
+@share(0.5)
 @given(chains())
 def test_the_energy_is_never_negative(begin: Begin) -> None:
     assert (begin.simulate(30).energy >= 0.0).all()
 
 
 @each(*CLASSES)
-@share(0.3)
+@share(0.2)
 @given(st.data())
 def test_contacts_follow_one_another(family: str, data: st.DataObject) -> None:
     begin = data.draw(FAMILIES[family])
@@ -240,6 +243,7 @@ def test_contacts_follow_one_another(family: str, data: st.DataObject) -> None:
     assert np.isfinite(record.sticking[:-1]).all()
 
 
+@share(0.5)
 @given(chains())
 def test_runs_of_a_count_end_on_the_table(begin: Begin) -> None:
     record = begin.simulate(5)
@@ -247,6 +251,7 @@ def test_runs_of_a_count_end_on_the_table(begin: Begin) -> None:
         assert record.final.motion is Motion.TABLE
 
 
+@share(0.5)
 @given(balls())
 def test_a_ball_never_leaves_for_ever(begin: Begin) -> None:
     assert begin.simulate(60).ending.name != "NO_FURTHER_CONTACT"

@@ -96,7 +96,8 @@ def test_motions_are_those_of_the_chain(name: str) -> None:
     assert abs(one.position - np.array(bent.places(two.position.T)).T).max() <= bound
     heat = two.energy_balance().dissipated
     assert heat == pytest.approx(one.energy_balance().dissipated, abs=1e-10)
-    jacobian_is_the_derivative(bent, two.states[3:5])
+    count = 2 if name in ("another stop", "facing") else 1
+    jacobian_is_the_derivative(bent, two.states[3 : 3 + count])
     half = bent.simulate(impacts=9, start=bent.state(q, [0.0] * 3)).final
     assert (bent.simulate(impacts=9, start=half).states == two.states[9:]).all()
 

@@ -42,7 +42,7 @@ def same_motion(one: ImpactRecord, other: ImpactRecord, image: Array) -> None:
 # --- units ----------------------------------------------------------------------------------------
 
 
-@share(0.3)
+@share(0.2)
 @given(begins(chatter_tolerance=0.0), POWERS)
 def test_the_unit_of_length_changes_no_bit(begin: Begin, power: int) -> None:
     c, system = 2.0**power, begin.system
@@ -67,7 +67,7 @@ def test_the_unit_of_length_changes_no_bit(begin: Begin, power: int) -> None:
     assert (two.velocity / c).tobytes() == one.velocity.tobytes()
 
 
-@share(0.3)
+@share(0.2)
 @given(begins(), POWERS)
 def test_the_unit_of_mass_does_not_matter(begin: Begin, power: int) -> None:
     c, system = 2.0**power, begin.system
@@ -82,7 +82,7 @@ def test_the_unit_of_mass_does_not_matter(begin: Begin, power: int) -> None:
     same_motion(one, other.simulate(IMPACTS), one.states)
 
 
-@share(0.3)
+@share(0.2)
 @given(begins(chatter_tolerance=0.0), st.integers(-8, 8))
 def test_the_unit_of_time_does_not_matter(begin: Begin, power: int) -> None:
     c, system = 2.0**power, begin.system
@@ -112,7 +112,7 @@ def test_the_unit_of_time_does_not_matter(begin: Begin, power: int) -> None:
 # --- mirrors and names ----------------------------------------------------------------------------
 
 
-@share(0.3)
+@share(0.2)
 @given(begins())
 def test_from_the_other_side_everything_is_mirrored(begin: Begin) -> None:
     # Half a turn of the phase mirrors the table, and the harmonic forces with it.
@@ -133,7 +133,7 @@ def test_from_the_other_side_everything_is_mirrored(begin: Begin) -> None:
     same_motion(one, other.simulate(IMPACTS), image)
 
 
-@share(0.3)
+@share(0.2)
 @given(begins(), st.randoms(use_true_random=False))
 def test_the_order_of_the_coordinates_does_not_matter(begin: Begin, random: Any) -> None:
     system, n = begin.system, begin.system.degrees_of_freedom
@@ -165,7 +165,7 @@ def test_the_order_of_the_coordinates_does_not_matter(begin: Begin, random: Any)
     same_motion(one, other.simulate(IMPACTS), image)
 
 
-@share(0.3)
+@share(0.2)
 @given(begins(largest=6, chatter_tolerance=0.0), st.floats(0.2, 5.0), st.floats(1e-3, 5.0))
 def test_a_mass_that_nothing_ties_to_the_others_changes_nothing(
     begin: Begin, mass: float, spring: float
@@ -198,7 +198,7 @@ def test_a_mass_that_nothing_ties_to_the_others_changes_nothing(
 # --- time -----------------------------------------------------------------------------------------
 
 
-@share(0.3)
+@share(0.2)
 @given(begins(), st.integers(-3, 3))
 def test_table_periods_later_the_motion_is_the_same(begin: Begin, turns: int) -> None:
     later = Begin(begin.system, begin.position, begin.velocity, begin.phase + 2.0 * math.pi * turns)
@@ -206,7 +206,7 @@ def test_table_periods_later_the_motion_is_the_same(begin: Begin, turns: int) ->
     same_motion(one, later.simulate(IMPACTS), one.states)
 
 
-@share(0.3)
+@share(0.2)
 @given(begins(), st.floats(0.1, 5.0), st.floats(0.0, 1.0))
 def test_arguments_that_are_changed_and_changed_back_leave_the_same_oscillator(
     begin: Begin, frequency: float, restitution: float
@@ -228,7 +228,7 @@ def test_arguments_that_are_changed_and_changed_back_leave_the_same_oscillator(
 # --- the map --------------------------------------------------------------------------------------
 
 
-@share(0.3)
+@share(0.2)
 @given(begins())
 def test_the_map_goes_from_impact_to_impact(begin: Begin) -> None:
     # By section coordinates, which lose what a cut chatter leaves to the motion's own.
@@ -244,7 +244,7 @@ def test_the_map_goes_from_impact_to_impact(begin: Begin) -> None:
 
 
 @pytest.mark.parametrize("family", [begins, singles, balls, plays])
-@share(0.3)
+@share(0.2)
 @given(st.data())
 def test_the_map_shrinks_volumes_by_restitution_and_dashpots(
     family: Callable[[], st.SearchStrategy[Begin]], data: st.DataObject

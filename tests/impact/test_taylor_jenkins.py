@@ -164,7 +164,7 @@ def test_the_derivative_of_the_map_is_that_of_differences(name: str) -> None:
 
 @pytest.mark.parametrize("name", ["duffing at a stop", "bead", "double pendulum", "toda, belt"])
 def test_orbits_have_the_multipliers_of_their_attractors(name: str) -> None:
-    attractor = SYSTEMS[name].attractor(transient=300)
+    attractor = SYSTEMS[name].attractor(transient=100, keep=50)
     orbit = attractor.periodic_orbit()
     assert str(orbit.label) == str(attractor.label)
     assert orbit.admissible

@@ -38,6 +38,9 @@ POINTS = 4
 BIFURCATING = (283, 276, 682, 500, 745, 913, 731, 1144, 1970, 843, 1669)
 """Oscillators, of every seventh, whose orbits bifurcate two times or more, and soon."""
 
+WITHOUT_JACOBIAN = (100, 200, 300, 500, 800, 1100, 1300)
+"""Maps, of every hundredth, whose bifurcations take few differences each."""
+
 Bounds = tuple[float, float]
 
 
@@ -69,9 +72,11 @@ def values_of_maps(every: int) -> Iterator[tuple[float, float]]:
         yield float(off[-1]), found.error
 
 
-def values_without_jacobian(every: int) -> Iterator[tuple[float, float]]:
+def values_without_jacobian(
+    every: int, numbers: Sequence[int] = ()
+) -> Iterator[tuple[float, float]]:
     """The same of maps whose derivatives are differences."""
-    for off, found in _offs(_maps_without_jacobian, range(0, MAPS, every)):
+    for off, found in _offs(_maps_without_jacobian, numbers or range(0, MAPS, every)):
         yield float(off[-1]), found.error
 
 

@@ -49,7 +49,7 @@ MAPS = 43
 MACHINES = 400
 """Every so manieth random machine."""
 
-NONLINEAR = 40
+NONLINEAR = 80
 """Every so manieth of those whose springs are not linear."""
 
 QUANTITIES = {
@@ -108,7 +108,11 @@ QUANTITIES = {
         borders.borders_of_sticking_orbits, 1, borders.borders_nearby
     ),
     "`Bifurcation.error`, maps": Quantity(curves.values_of_maps, MAPS),
-    "`Bifurcation.error`, maps without jacobian": Quantity(curves.values_without_jacobian, 100),
+    "`Bifurcation.error`, maps without jacobian": Quantity(
+        curves.values_without_jacobian,
+        100,
+        partial(curves.values_without_jacobian, numbers=curves.WITHOUT_JACOBIAN),
+    ),
     "`Bifurcation.error`, P(n,m)": Quantity(
         curves.values_of_oscillators,
         MAPS,
