@@ -105,18 +105,17 @@ def test_a_free_decay_in_closed_form() -> None:
 
 
 def test_sliders_along_one_row_share_their_changes_of_basis() -> None:
-    count = 20
-    joint = iwan(0, stiffness=2.0, force=0.5, elements=count)
+    joint = iwan(0, stiffness=2.0, force=0.5, elements=30)
     machine = ImpactChain(masses=1, frequency=0.8, harmonic_forces=[0.8], elements=joint)
     record = machine.simulate(impacts=4)
     automaton = machine._automaton
     # sliders that slide at the same time do so in any order
     assert len(automaton._rows) == len(automaton._changes)
-    assert 2 * len(automaton.modes) < 6 * count
-    fewer = machine.replace(elements=iwan(0, stiffness=2.0, force=0.5, elements=count - 1))
-    # elements change the joint by their number to the power -2, and one of them by that to -3
+    assert 2 * len(automaton.modes) < 180
+    fewer = machine.replace(elements=iwan(0, stiffness=2.0, force=0.5, elements=29))
+    # more elements change the joint by their number to the power -2
     apart = abs(fewer.simulate(impacts=4).position - record.position).max()
-    assert 0.0 < apart < 2.7 / count**3
+    assert 0.0 < apart < 1e-4
 
 
 def test_a_slider_that_nothing_moves_is_a_spring() -> None:
