@@ -166,16 +166,23 @@ def test_a_class_that_workers_cannot_import_is_refused_by_name(name: str) -> Non
 
 
 INTERRUPTED = """
-import os, signal, sys, threading
+import os, signal, sys, threading, time
 from tests.scaling.cases import mapped, processes
+
+def interrupt(after):
+    # Python drops an interrupt that comes while it removes an object: then comes another one
+    while True:
+        time.sleep(after)
+        os.kill(os.getpid(), signal.SIGINT)
+        after = 20.0
 
 if __name__ == "__main__":
     # shells let what runs in the background ignore it
     signal.signal(signal.SIGINT, signal.default_int_handler)
     with processes(1) as executor:
         mapped(executor)  # now it is awake
-        threading.Timer({after}, os.kill, [os.getpid(), signal.SIGINT]).start()
-        for _ in range(1000):
+        threading.Thread(target=interrupt, args=[{after}], daemon=True).start()
+        for _ in range(100_000):
             mapped(executor, store=sys.argv[1])
             os.unlink(sys.argv[1])
 """
