@@ -36,11 +36,11 @@ earliest result and of the start of the previous mode; number of states."""
 PLACES, LEVELS = 11, 5
 """Number of integers and of real numbers of a paused search."""
 
-LEAP, SEARCH, CHANGE = range(3)
+LEAP, SEARCH, CHANGE, NOISE = range(4)
 """Machine code that is called by its address: of long cells, of the search of a sum that is not
-`plain`, and of a change of the mode."""
+`plain`, of a change of the mode, and of disturbances."""
 
-CODES, WANTED_CODE = 3, -1
+CODES, WANTED_CODE = 4, -1
 """Number of them; what stands for an address where a call has paused until there is one."""
 
 BOUND, TAIL, DRIFT, SEPARATE = 8, 14, 16, 22

@@ -7,7 +7,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from dynkit.core.jit import kernel
+from dynkit.core.jit import by_address, kernel
 from dynkit.core.validation import Array
 from dynkit.exponential.double_double_kernels import two_product
 from dynkit.exponential.evaluation_kernels import (
@@ -223,7 +223,7 @@ def perturb_cut(excursion: Array, lost: float, states: Array, clock: Array) -> N
 
 
 @kernel()
-def perturb_touch(gap: Ladder, band_factor: float, states: Array, clock: Array) -> float:
+def _perturb_touch(gap: Ladder, band_factor: float, states: Array, clock: Array) -> float:
     """Move a touch, in the found state, by what the rounding band leaves open; the new rate."""
     second, third, _, reach = start_sums(gap.rows, states, FOUND)
     band = band_factor * EPSILON * (reach + abs(gap.offset))
@@ -238,3 +238,25 @@ def perturb_touch(gap: Ladder, band_factor: float, states: Array, clock: Array) 
         for i in range(slots):
             states[FOUND, row, i] = states[START, row, i]
     return -abs(second * longest * random(clock))
+
+
+@kernel(entry=True)
+def disturb(
+    gap: Ladder,
+    slots: Indices,
+    touches: bool,
+    states: Array,
+    clock: Array,
+    left: Array,
+    noise: float,
+    band_factor: float,
+) -> float:
+    """Disturb a touch, and return the rate there, or the state just after an event."""
+    if touches:
+        return _perturb_touch(gap, band_factor, states, clock)
+    perturb(slots, gap.steady, states, clock, left, noise)
+    perturb_reached(gap.generator, slots, states, clock, noise)
+    return 0.0
+
+
+disturb_by_address = by_address(disturb, float)

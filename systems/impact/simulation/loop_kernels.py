@@ -20,6 +20,7 @@ from dynkit.exponential.evaluation_kernels import (
     FOUND,
     KEPT,
     LEFT,
+    NOISE,
     SEARCH,
     START,
     WANTED_CODE,
@@ -66,11 +67,9 @@ from dynkit.systems.impact.simulation.clock_kernels import (
     TOUCHES,
     WANTED,
     begin_period,
+    disturb_by_address,
     move_on,
     normalise,
-    perturb,
-    perturb_reached,
-    perturb_touch,
 )
 from dynkit.systems.impact.simulation.contact_kernels import (
     Tables,
@@ -352,8 +351,9 @@ def run(
             clock[GUARD] = first
             if noise > 0.0:
                 slots = tables.slots[m, : tables.counts[m]]
-                perturb(slots, gap.steady, y, clock, left[0], noise)
-                perturb_reached(gap.generator, slots, y, clock, noise)
+                disturb_by_address(
+                    codes[NOISE], (gap, slots, False, y, clock, left[0], noise, band_factor)
+                )
             if store:
                 note_impact(done, first, gap.steady, clock, math.nan, y, impacts)
             done += 1
@@ -394,7 +394,10 @@ def run(
         if outcome == TOUCH:
             clock[TOUCHES] += 1.0
             if noise > 0.0:
-                rate = perturb_touch(gap, band_factor, y, clock)
+                slots = tables.slots[m, : tables.counts[m]]
+                rate = disturb_by_address(
+                    codes[NOISE], (gap, slots, True, y, clock, own, noise, band_factor)
+                )
         rate = min(rate, 0.0)
         if beside is not None and beside > 0:
             know_gaps(tables, best, n, e, left, work)
@@ -419,7 +422,6 @@ def run(
                 clock[LEFT_FROM] = -1.0
                 enter(open_, best, clock, 0.0, 0.0, y, switches)
         m = ladders.integers[best, GROUP]
-        slots = tables.slots[m, : tables.counts[m]]
         r = tables.restitution[best]
         if beside is not None and tables.law[best] >= 0 and rate < 0.0:
             law = tables.law[best]
@@ -449,8 +451,10 @@ def run(
         own[SPEED] = 0.0 - r * rate
         own[MOTION] = BOUNCED
         if noise > 0.0:
-            perturb(slots, gap.steady, y, clock, own, noise)
-            perturb_reached(gap.generator, slots, y, clock, noise)
+            slots = tables.slots[m, : tables.counts[m]]
+            disturb_by_address(
+                codes[NOISE], (gap, slots, False, y, clock, own, noise, band_factor)
+            )
         if store:
             note_impact(done, best, gap.steady, clock, own[SPEED], y, impacts)
         done += 1

@@ -135,9 +135,11 @@ def fill_codes(
     waits: Array,
 ) -> None:
     """Put addresses of machine code into ``work.codes``; compile what a run has paused for."""
-    from dynkit.exponential.evaluation_kernels import CHANGE, LEAP, SEARCH, WANTED_CODE
+    from dynkit.exponential.evaluation_kernels import CHANGE, LEAP, NOISE, SEARCH, WANTED_CODE
 
-    for place, kind in ((LEAP, None), (SEARCH, None), (CHANGE, beside is None)):
+    if noise > 0.0:
+        work.codes[NOISE] = WANTED_CODE
+    for place, kind in ((LEAP, None), (SEARCH, None), (CHANGE, beside is None), (NOISE, None)):
         if work.codes[place] == WANTED_CODE and (place, kind) not in _ADDRESSES:
             from dynkit.exponential import certificate_kernels, search_kernels
             from dynkit.systems.impact.simulation.change_kernels import change
@@ -148,6 +150,9 @@ def fill_codes(
             elif place == SEARCH:
                 given = gap, 0, 0.0, factor, True, 0, 0, 0, work
                 code = search_kernels.search
+            elif place == NOISE:
+                given = gap, tables.slots[0], True, work.states, clock, left[0], noise, factor
+                code = _kernels()[0].disturb
             else:
                 motion = tables, clock, left, beside, noise, factor
                 given = 0, 0, 0, 0.0, 0, *motion, impacts, switches, work, waits
