@@ -29,7 +29,7 @@ _SETTLED, _FEW, _MANY = 16_000, 400, 3000
 _ROUNDINGS = 60
 
 # The error is estimated at every so many values.
-_EVERY = 5
+_EVERY = 10
 # Where it is larger than this, rounding has grown as large as the motion, or is about to.
 _MEANINGLESS = 1e-3
 
