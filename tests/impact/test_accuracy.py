@@ -59,7 +59,7 @@ def test_times_and_phases_of_the_paper_chain(frequency: float, impacts: int) -> 
 
 @cache
 def random_errors(seed: int, damping: float, restitution: float) -> tuple[ImpactRecord, Array]:
-    return errors_before_contact(random_case(seed, damping, restitution), 12)
+    return errors_before_contact(random_case(seed, damping, restitution), 8)
 
 
 def cases() -> list[tuple[int, float, float]]:

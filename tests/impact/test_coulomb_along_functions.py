@@ -23,7 +23,7 @@ from dynkit.testing.maps import jacobian_is_the_derivative
 from tests.impact.disguised import DisguisedMatrices
 from tests.impact.test_coulomb import beside_others, random_machine
 from tests.impact.test_elements_along_functions import Chain, time_between
-from tests.impact_orbits.bent_cases import orbits_agree
+from tests.impact_orbits.bent_cases import WIDE, orbits_agree, orbits_of
 
 # --- closed forms ---------------------------------------------------------------------------------
 
@@ -270,9 +270,7 @@ PARAMETERS = {
 
 @cache
 def orbits(name: str) -> tuple[Any, Any]:
-    pairs = zip(both(name), starts(name), strict=True)
-    one, two = (m.attractor(transient=60, keep=60, start=s).periodic_orbit() for m, s in pairs)
-    return one, two
+    return orbits_of(*both(name), starts(name)[0])
 
 
 @pytest.mark.parametrize("name", PARAMETERS)
@@ -282,7 +280,7 @@ def test_orbits_and_their_derivatives_are_those_of_the_chain(name: str) -> None:
 
 def test_a_branch_meets_the_bifurcations_of_the_chain() -> None:
     found = [
-        continue_orbit(orbit, "sole.coefficient", bounds=(0.26, 0.38)).bifurcations
+        continue_orbit(orbit, "sole.coefficient", bounds=(0.26, 0.38), **WIDE).bifurcations
         for orbit in orbits("impacts")
     ]
     assert len(found[0]) == len(found[1]) > 0

@@ -23,7 +23,7 @@ from dynkit.systems import DryFriction, HardStop, ImpactChain, ImpactOscillator,
 from dynkit.testing.maps import jacobian_is_the_derivative
 from tests.flows.cases import BITS, Many, followed_in_many_digits, taylor
 from tests.impact.test_taylor_rows import MACHINES, agree
-from tests.impact_orbits.bent_cases import Bent, orbits_agree
+from tests.impact_orbits.bent_cases import WIDE, Bent, orbits_agree, orbits_of
 
 # --- closed forms ---------------------------------------------------------------------------------
 
@@ -265,8 +265,8 @@ def test_motions_and_heat_are_those_of_the_chain(name: str) -> None:
     exact, bent = both(name)
     q = np.array([0.2, 0.1])
     x = [float(place) for place in bent.places(q)]
-    one = exact.simulate(impacts=12, start=exact.state(x, [0.0, 0.0]))
-    two = bent.simulate(impacts=12, start=bent.state(q, [0.0, 0.0]))
+    one = exact.simulate(impacts=8, start=exact.state(x, [0.0, 0.0]))
+    two = bent.simulate(impacts=8, start=bent.state(q, [0.0, 0.0]))
     bound = one.error[-1] + two.error[-1]
     assert bound < 1e-11
     assert repr(one.events) == repr(two.events)
@@ -274,8 +274,8 @@ def test_motions_and_heat_are_those_of_the_chain(name: str) -> None:
     heat = two.energy_balance()
     assert heat.error < 1e-12
     assert heat.dissipated == pytest.approx(one.energy_balance().dissipated, abs=1e-12)
-    half = bent.simulate(impacts=6, start=bent.state(q, [0.0, 0.0])).final
-    assert (bent.simulate(impacts=6, start=half).states == two.states[6:]).all()
+    half = bent.simulate(impacts=4, start=bent.state(q, [0.0, 0.0])).final
+    assert (bent.simulate(impacts=4, start=half).states == two.states[4:]).all()
 
 
 class Named(ImpactChain):
@@ -308,7 +308,7 @@ def test_on_one_coordinate_functions_and_rows_are_held_together(name: str, named
         else replace(e, coordinate="last")
         for e in given["elements"]
     ]  # fmt: skip
-    agree(ImpactChain(**given), Named(**(given | {"elements": elements})), 12)
+    agree(ImpactChain(**given), Named(**(given | {"elements": elements})), 6)
 
 
 def test_a_mass_rests_on_a_preloaded_pad_as_that_of_the_chain() -> None:
@@ -342,8 +342,7 @@ def test_friction_along_a_row_that_a_gradient_meets_is_refused_by_name() -> None
 @cache
 def orbits(name: str) -> tuple[Any, Any]:
     """The orbits of the chain and of the bent one."""
-    exact, bent = (s.attractor(transient=60, keep=30).periodic_orbit() for s in both(name))
-    return exact, bent
+    return orbits_of(*both(name))
 
 
 PARAMETERS = {
@@ -522,7 +521,9 @@ def test_a_branch_meets_the_bifurcation_of_one_mass() -> None:
         rail = DryFriction(row, force=0.0177, name="rail")
         machine = kind(elements=[pad, rail], **(GIVEN | {"masses": 1}))
         orbit = machine.attractor(transient=100).periodic_orbit()
-        found.append(continue_orbit(orbit, "rail.force", bounds=(0.0177, 0.01775)).bifurcations)
+        found.append(
+            continue_orbit(orbit, "rail.force", bounds=(0.0177, 0.01775), **WIDE).bifurcations
+        )
     (known,), (other,) = found
     assert known.kind is other.kind is BifurcationKind.GR
     assert known.admissible == other.admissible

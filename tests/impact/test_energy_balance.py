@@ -97,7 +97,7 @@ def test_special_oscillators_balance() -> None:
 def test_random_machines_balance(machine: Any, seed: int) -> None:
     given = {"hit": seed % 2 == 0} if machine is with_friction else {}
     chain, place, velocity = machine(seed, **given)
-    record = chain.simulate(impacts=20, start=chain.state(place, velocity))
+    record = chain.simulate(impacts=10, start=chain.state(place, velocity))
     if not len(record):
         return
     balance = record.energy_balance()

@@ -408,7 +408,7 @@ def agrees(chain: ImpactChain, place: Array, velocity: Array, *, hit: bool) -> N
     rows = np.array([each.row(len(place)) for each in joints])
     start = np.concatenate([place, velocity, signs * (rows @ place - record.start.sliders)])
     with mp.workdps(DIGITS):
-        reference = SoftStopReference(chain, 0.01)
+        reference = SoftStopReference(chain)
         found = (reference.impacts if hit else reference.periods)(start, count)
         states = np.array([[float(number) for number in z] for _, z in found])
         times = record.time[:count].tolist()

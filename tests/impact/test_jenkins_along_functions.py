@@ -18,7 +18,7 @@ from dynkit.systems.impact.simulation.state import within
 from dynkit.testing.maps import jacobian_is_the_derivative
 from tests.flows.cases import BITS, followed_in_many_digits, taylor
 from tests.impact.test_elements_along_functions import GIVEN, TABLE, Chain, Pendulum
-from tests.impact_orbits.bent_cases import changes, orbits_agree
+from tests.impact_orbits.bent_cases import WIDE, changes, orbits_agree
 
 
 def beside(first: Any, last: Any) -> dict[str, list[Any]]:
@@ -51,8 +51,8 @@ def test_motions_and_heat_are_those_of_the_chain(name: str) -> None:
     x = [float(place) for place in bent.places(q)]
     along = x[0] if name in ("joint", "iwan") else x[1]
     places = [along + 0.003] * len(bent._sliders)
-    one = exact.simulate(impacts=12, start=exact.state(x, [0.0, 0.0], 0.0, places))
-    two = bent.simulate(impacts=12, start=bent.state(q, [0.0, 0.0], 0.0, places))
+    one = exact.simulate(impacts=8, start=exact.state(x, [0.0, 0.0], 0.0, places))
+    two = bent.simulate(impacts=8, start=bent.state(q, [0.0, 0.0], 0.0, places))
     bound = one.error[-1] + two.error[-1]
     assert bound < 1e-11
     assert repr(one.events) == repr(two.events)
@@ -67,8 +67,8 @@ def test_motions_and_heat_are_those_of_the_chain(name: str) -> None:
     heat = two.energy_balance()
     assert heat.error < 1e-12
     assert heat.dissipated == pytest.approx(one.energy_balance().dissipated, abs=1e-12)
-    half = bent.simulate(impacts=6, start=bent.state(q, [0.0, 0.0], 0.0, places)).final
-    assert (bent.simulate(impacts=6, start=half).states == two.states[6:]).all()
+    half = bent.simulate(impacts=4, start=bent.state(q, [0.0, 0.0], 0.0, places)).final
+    assert (bent.simulate(impacts=4, start=half).states == two.states[4:]).all()
 
 
 @pytest.mark.parametrize("name", beside(0, 1))
@@ -93,7 +93,7 @@ PARAMETERS = {
 
 @pytest.mark.parametrize("name", PARAMETERS)
 def test_orbits_and_their_derivatives_are_those_of_the_chain(name: str) -> None:
-    exact, bent = (s.attractor(transient=60, keep=30).periodic_orbit() for s in both(name))
+    exact, bent = (s.attractor(transient=30, keep=20).periodic_orbit() for s in both(name))
     orbits_agree(exact, bent, PARAMETERS[name])
     assert abs(changes(bent, "bend")).max() < 1e-10  # other coordinates of the same motion
 
@@ -103,7 +103,9 @@ def test_a_branch_meets_the_bifurcation_of_the_chain() -> None:
     for machine in both("joint"):
         near = machine.replace(**{"joint.force": 0.0515})
         orbit = near.attractor(transient=60, keep=30).periodic_orbit()
-        found.append(continue_orbit(orbit, "joint.force", bounds=(0.0515, 0.0523)).bifurcations)
+        found.append(
+            continue_orbit(orbit, "joint.force", bounds=(0.0515, 0.0523), **WIDE).bifurcations
+        )
     (known,), (other,) = found
     assert known.kind is other.kind is BifurcationKind.GR
     assert known.admissible

@@ -18,6 +18,7 @@ from dynkit.systems.impact.oscillators.play import PlayOscillator
 from dynkit.systems.impact.records.record import ImpactRecord
 from dynkit.systems.impact.simulation.state import ImpactState
 from dynkit.systems.impact.simulation.trajectory import Ending
+from tests.effort import share
 from tests.impact.one_mass import DIGITS, Orbit, Real, periodic_orbits
 
 ROUNDING = 2.0**-52
@@ -150,6 +151,7 @@ def test_decay_is_half_the_damping_however_weak_the_spring(spring: float) -> Non
     assert system.modes.decay.tolist() == [5e9]
 
 
+@share(0.5)
 @given(begins())
 def test_the_motion_is_symmetric_to_the_bit(begin: tuple[PlayOscillator, ImpactState]) -> None:
     # From an impact on: which side a state in flight belongs to is not told by its numbers.

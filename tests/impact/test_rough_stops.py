@@ -207,7 +207,7 @@ def test_random_machines_on_rough_ground_move_as_in_many_digits(seed: int) -> No
     if record.ambiguous is not None:
         count = min(count, record.ambiguous)
     with mp.workdps(DIGITS):
-        reference = SoftStopReference(chain, 0.01)
+        reference = SoftStopReference(chain)
         found = reference.impacts(np.concatenate([place, velocity]), count)
         states = np.array([[float(number) for number in z] for _, z in found])
         times = record.time[:count].tolist()

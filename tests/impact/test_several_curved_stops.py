@@ -88,8 +88,8 @@ def test_motions_are_those_of_the_chain(name: str) -> None:
     bent = Machine(elements=beside("first")[name], **given)
     q = np.array([0.2, 0.1, 0.2])
     x = [float(place) for place in bent.places(q)]
-    one = exact.simulate(impacts=18, start=exact.state(x, [0.0] * 3))
-    two = bent.simulate(impacts=18, start=bent.state(q, [0.0] * 3))
+    one = exact.simulate(impacts=10, start=exact.state(x, [0.0] * 3))
+    two = bent.simulate(impacts=10, start=bent.state(q, [0.0] * 3))
     bound = one.error[-1] + two.error[-1]
     assert bound < 1e-9
     assert repr(one.events) == repr(two.events)
@@ -98,8 +98,8 @@ def test_motions_are_those_of_the_chain(name: str) -> None:
     assert heat == pytest.approx(one.energy_balance().dissipated, abs=1e-10)
     count = 2 if name in ("another stop", "facing") else 1
     jacobian_is_the_derivative(bent, two.states[3 : 3 + count])
-    half = bent.simulate(impacts=9, start=bent.state(q, [0.0] * 3)).final
-    assert (bent.simulate(impacts=9, start=half).states == two.states[9:]).all()
+    half = bent.simulate(impacts=5, start=bent.state(q, [0.0] * 3)).final
+    assert (bent.simulate(impacts=5, start=half).states == two.states[5:]).all()
 
 
 def test_a_start_beyond_one_of_two_walls_is_named() -> None:

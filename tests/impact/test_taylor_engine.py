@@ -40,6 +40,7 @@ from dynkit.testing import (
     check_name,
     map_checks,
     numerical_derivative,
+    parameter_derivatives_are_right,
 )
 from dynkit.testing.maps import jacobian_is_the_derivative
 from tests.impact.taylor_cases import (
@@ -116,7 +117,7 @@ LINEAR: dict[str, dict[str, Any]] = {
 def test_a_linear_structure_moves_as_by_the_exact_engine(name: str) -> None:
     exact, other = ImpactChain(**LINEAR[name]), Disguised(**LINEAR[name])
     assert (exact.engine, other.engine) == ("exponential sums", "Taylor")
-    impacts = 50 if "contact" in name else 25
+    impacts = 50 if "contact" in name else 12
     one, two = exact.simulate(impacts=impacts), other.simulate(impacts=impacts)
     away = abs(exact.difference(one.states, two.states)).max(axis=1)
     assert (away <= one.error + two.error).all()
@@ -155,7 +156,7 @@ def test_contact_begins_and_ends_as_by_the_exact_engine() -> None:
 @pytest.mark.parametrize("name", ["ten masses", "play", "soft", "belt", "joints"])
 def test_measures_are_those_of_the_exact_engine(name: str) -> None:
     exact, other = ImpactChain(**LINEAR[name]), Disguised(**LINEAR[name])
-    one, two = exact.simulate(impacts=20), other.simulate(impacts=20)
+    one, two = exact.simulate(impacts=10), other.simulate(impacts=10)
     moments = one.second_moments(), two.second_moments()
     away = abs(moments[0].products.sum(axis=0) - moments[1].products.sum(axis=0)).max()
     bound = moments[0].error + moments[1].error + 1e-11
@@ -164,7 +165,7 @@ def test_measures_are_those_of_the_exact_engine(name: str) -> None:
     assert balances[1].error < 1e-12
     for source, work in balances[0].work.items():
         assert balances[1].work[source] == pytest.approx(work, abs=1e-11)
-    state = one.states[10]
+    state = one.states[5]
     assert abs(exact.jacobian(state) - other.jacobian(state)).max() < 1e-9
 
 
@@ -332,8 +333,16 @@ def states(name: str) -> Array:
     return found
 
 
-@pytest.mark.parametrize("check", map_checks, ids=check_name)
-@pytest.mark.parametrize("name", MAPS)
+# by a parameter a Taylor map is differentiated by differences, which are the same for all
+@pytest.mark.parametrize(
+    ("name", "check"),
+    [
+        pytest.param(name, check, id=f"{name}-{check_name(check)}")
+        for name in MAPS
+        for check in map_checks
+        if name == "bead, contact" or check is not parameter_derivatives_are_right
+    ],
+)
 def test_every_one_is_a_map(name: str, check: MapCheck) -> None:
     check(SYSTEMS[name], states(name))
 
@@ -367,7 +376,7 @@ def test_bounces_that_are_left_out_change_no_more_than_is_said(name: str) -> Non
 
 @pytest.mark.parametrize("name", SYSTEMS)
 def test_energies_balance(name: str) -> None:
-    balance = SYSTEMS[name].simulate(impacts=12).energy_balance()
+    balance = SYSTEMS[name].simulate(impacts=6).energy_balance()
     assert balance.error < 1e-12
     assert sum(balance.dissipated.values()) > 0.0
 
@@ -375,8 +384,8 @@ def test_energies_balance(name: str) -> None:
 @pytest.mark.parametrize("name", SYSTEMS)
 def test_a_simulation_goes_on_from_its_end_bit_for_bit(name: str) -> None:
     system = SYSTEMS[name]
-    whole, half = system.simulate(impacts=20), system.simulate(impacts=10)
-    rest = system.simulate(impacts=10, start=half.final)
+    whole, half = system.simulate(impacts=8), system.simulate(impacts=4)
+    rest = system.simulate(impacts=4, start=half.final)
     assert np.concatenate([half.states, rest.states]).tobytes() == whole.states.tobytes()
     again = pickle.loads(pickle.dumps(system))
     assert again == system

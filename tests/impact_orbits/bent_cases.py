@@ -12,6 +12,9 @@ import sympy as sp
 
 from dynkit.systems import HardStop, ImpactChain, ImpactOscillator
 
+WIDE: dict[str, Any] = {"step": 0.1, "largest_step": 0.25}
+"""Steps along branches of which only the bifurcations, or the ends, are compared."""
+
 
 @dataclass(frozen=True, kw_only=True)
 class Bent(ImpactOscillator):
@@ -50,6 +53,21 @@ class Bent(ImpactOscillator):
         """Return the displacement of the last mass."""
         return self.places(x)[-1]
 
+    def beside(self, exact: Any) -> tuple[Any, Any]:
+        """States of the chain and of this, on an orbit of the chain, farthest off the table."""
+        times = np.linspace(0.0, exact.period, 65)
+        phases = exact.phases[0] + exact.system.frequency * times
+        x, v = exact.sample(times)
+        k = int(np.argmax(x[:, -1] - 0.15 * np.sin(phases)))
+        end = _inverse(self.last, x[k, -1])
+        q = [*(_inverse(self.bend, y - self.bend * end**2) for y in x[k, :-1]), end]
+        slopes = np.diag(
+            1.0 + 3.0 * np.array([self.bend, self.last])[-self.masses :] * np.square(q)
+        )
+        slopes[:-1, -1] = 2.0 * self.bend * end
+        own = self.state(q, np.linalg.solve(slopes, v[k]), phases[k])
+        return exact.system.state(x[k], v[k], phases[k]), own
+
 
 @dataclass(frozen=True, kw_only=True)
 class Leaning(Bent):
@@ -60,6 +78,12 @@ class Leaning(Bent):
     def places(self, q: Any) -> list[Any]:
         first = q[0] + self.bend * q[0] ** 3 + self.bend * (q[1] + q[2]) ** 2
         return [first, *q[1:]]
+
+
+def _inverse(cubic: float, y: float) -> float:
+    """Where q + cubic q^3 is y."""
+    roots = np.roots([cubic, 0.0, 1.0, -y])
+    return float(roots[np.argmin(abs(roots.imag))].real)
 
 
 def _springs(x: list[Any]) -> Any:
@@ -76,6 +100,14 @@ def both(
     table = HardStop(at, amplitude=0.1, restitution=restitution, name="table")
     last = 0.0 if straight else 0.12
     return exact, Bent(masses=masses, last=last, elements=[table], **given)
+
+
+def orbits_of(chain: Any, bent: Any, start: Any = None) -> tuple[Any, Any]:
+    """The orbit of the chain's attractor, and that of the bent chain, sought from one place."""
+    found = chain.attractor(transient=60, keep=60, start=start).periodic_orbit()
+    pairs = zip((chain, bent), bent.beside(found), strict=True)
+    exact, own = (m.periodic_orbit(periods=found.periods, start=state) for m, state in pairs)
+    return exact, own
 
 
 def orbits_agree(exact: Any, bent: Any, parameters: Sequence[str]) -> None:

@@ -17,7 +17,7 @@ from dynkit.orbits.kinds import BifurcationKind
 from dynkit.systems import HardStop, SoftStop
 from tests.flows.cases import BITS
 from tests.impact.curved_cases import ARM, Bob, Exact
-from tests.impact_orbits.bent_cases import both
+from tests.impact_orbits.bent_cases import WIDE, both
 
 CASES: dict[str, dict[str, Any]] = {
     "one mass": {"masses": 1, "frequency": 2.4},
@@ -37,10 +37,10 @@ CASES: dict[str, dict[str, Any]] = {
 @cache
 def orbits(name: str) -> tuple[Any, Any]:
     """The orbit by exponential sums, and in bent coordinates."""
-    exact, bent = (
-        system.attractor(transient=300).periodic_orbit() for system in both(**CASES[name])
-    )
-    return exact, bent
+    chain, bent = both(**CASES[name])
+    exact = chain.attractor(transient=300).periodic_orbit()
+    near = bent.attractor(transient=0, keep=20, start=bent.beside(exact)[1])
+    return exact, near.periodic_orbit()
 
 
 @pytest.mark.parametrize("name", CASES)
@@ -169,7 +169,7 @@ def test_an_arm_before_a_wall_has_the_multipliers_of_its_map() -> None:
     known = np.linalg.eigvals(system.jacobian(orbit.states[0]))
     found = np.append(orbit.multipliers, [0.0, 0.0])
     assert np.poly(found) == pytest.approx(np.poly(known), abs=1e-10)
-    branch = continue_orbit(orbit, "floor.offset", bounds=(0.198, 0.202))
+    branch = continue_orbit(orbit, "floor.offset", bounds=(0.198, 0.202), **WIDE)
     there = branch.orbit(0)
     settled = there.system.attractor(
         start=orbit.system.impact_state(orbit.states[0]), transient=300

@@ -12,6 +12,7 @@ from dynkit.analysis import TimeSeries
 from dynkit.orbits.kinds import BifurcationKind
 from dynkit.systems import Element, ImpactChain, Regime, Watch
 from dynkit.testing import check_element
+from tests.impact_orbits.bent_cases import WIDE
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -61,7 +62,7 @@ def test_an_orbit_that_enters_both_zones_has_the_multipliers_of_the_map() -> Non
 
 def test_a_branch_grazes_where_the_stop_is_only_just_left_between_two_dips() -> None:
     orbit = _machine().attractor().periodic_orbit()
-    branch = continue_orbit(orbit, "pad.depth", bounds=(0.05, 0.3))
+    branch = continue_orbit(orbit, "pad.depth", bounds=(0.05, 0.3), **WIDE)
     (grazing,) = [b for b in branch.bifurcations if b.kind is BifurcationKind.GR]
     section, machine = grazing.orbit.states[0], _machine(**{"pad.depth": float(grazing.value)})
     start = machine.state(section[:2], section[2:])

@@ -20,6 +20,7 @@ from dynkit.systems import (
 from dynkit.systems.impact.orbits.orbit import ImpactOrbit
 from dynkit.testing import check_problem
 from tests.impact.test_jenkins import MACHINE, random_machine
+from tests.impact_orbits.bent_cases import WIDE
 from tests.impact_orbits.contracts import check_parameters
 from tests.reference.exponential import expm
 
@@ -295,10 +296,10 @@ def twins(force: float, rows: tuple[int, int]) -> Any:
 @pytest.mark.parametrize("rows", [(0, 1), (0, 0)])
 def test_branches_on_both_sides_of_equal_sliders_are_motions(rows: tuple[int, int]) -> None:
     orbit = orbit_of(twins(0.3, rows))
-    branch = continue_orbit(orbit, "other.force", bounds=(0.298, 0.302))
+    branch = continue_orbit(orbit, "other.force", bounds=(0.298, 0.302), **WIDE)
     found = branch.bifurcations[0]
     (other,) = found.switch()
-    below = continue_orbit(other, "other.force", bounds=(0.298, 0.302))
+    below = continue_orbit(other, "other.force", bounds=(0.298, 0.302), **WIDE)
     # on the border itself rounding decides
     for part, sign in ((branch, 1.0), (below, -1.0)):
         assert part.bifurcations

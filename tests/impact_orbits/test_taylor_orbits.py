@@ -23,6 +23,7 @@ from dynkit.systems import (
 )
 from tests.impact.taylor_cases import Bead, Disguised
 from tests.impact.toda_many_digits import ManyDigits
+from tests.impact_orbits.bent_cases import WIDE
 
 TABLE = HardStop(-1, amplitude=0.1, restitution=0.85, name="table")
 SOFT = SoftStop(0, offset=0.02, stiffness=50.0, damping=0.2, name="pad")
@@ -108,8 +109,10 @@ LINEAR: dict[str, tuple[dict[str, Any], list[str]]] = {
 def both(name: str) -> tuple[Any, Any]:
     """The orbit by exponential sums, and by Taylor's method."""
     given = LINEAR[name][0]
-    kinds: Any = ImpactChain, Disguised
-    exact, other = (kind(**given).attractor().periodic_orbit() for kind in kinds)
+    settled = ImpactChain(**given).attractor()
+    near = Disguised(**given).attractor(transient=0, keep=20, start=settled.final)
+    exact: Any = settled.periodic_orbit()
+    other: Any = near.periodic_orbit()
     assert (exact.system.engine, other.system.engine) == ("exponential sums", "Taylor")
     return exact, other
 
@@ -154,9 +157,7 @@ BORDERS = [
 def test_branches_meet_the_bifurcations_of_the_exact_engine(
     name: str, parameter: str, bounds: tuple[float, float]
 ) -> None:
-    branches = [
-        continue_orbit(orbit, parameter, bounds=bounds, largest_step=0.2) for orbit in both(name)
-    ]
+    branches = [continue_orbit(orbit, parameter, bounds=bounds, **WIDE) for orbit in both(name)]
     one, two = (sorted(b.bifurcations, key=lambda each: each.value) for b in branches)
     assert {each.kind for each in one} & {BifurcationKind.GR, BifurcationKind.CB}
     assert [each.kind for each in one] == [each.kind for each in two]
@@ -250,7 +251,7 @@ def test_toda_s_chain_chatters_and_sticks() -> None:
     x, _ = orbit.sample(np.linspace(begin, end, 20) + 1e-9)
     phases = orbit.phases[0] + chain.frequency * np.linspace(begin, end, 20)
     assert x[:, -1] == pytest.approx(chain.amplitude * np.sin(phases), abs=1e-8)
-    branch = continue_orbit(orbit, "frequency", bounds=(0.1995, 0.2005), largest_step=0.5)
+    branch = continue_orbit(orbit, "frequency", bounds=(0.1995, 0.2005), **WIDE)
     for place in (0, -1):
         there = branch.orbit(place)
         settled: Any = there.system.attractor(start=attractor.final).periodic_orbit()

@@ -75,7 +75,7 @@ def sticking_guess(system: ImpactMap, state: ImpactState, periods: int) -> Guess
 
 def released(system: ImpactMap, state: ImpactState, periods: int, most: int) -> Iterator[Guess]:
     """From the first releases of a motion that come again some periods later."""
-    turn, count, state = TWO_PI / system.frequency, 256, without_shift(state)
+    turn, count, state = TWO_PI / system.frequency, 64, without_shift(state)
     length = periods * turn
     while True:
         run = system._run(state, count, store=True)
