@@ -235,36 +235,36 @@ def with_several_stops(seed: int) -> tuple[ImpactChain, Array, Array]:
 # in the last eight a dashpot tears the mass off the table, or a spring is all but grazed
 @pytest.mark.parametrize("seed", [*range(16), 1027, 1073, 1087, 1259, 1275, 1327, 1329, 1341])
 def test_random_machines_move_as_in_many_digits(seed: int) -> None:
-    moves_as_in_many_digits(*random_machine(seed), impacts=5 if seed < 100 else 8, most=1e-8)
+    moves_as_in_many_digits(*random_machine(seed), impacts=8, most=1e-8)
 
 
 @pytest.mark.parametrize("seed", [*range(20), 1027, 1073, 1087, 1259])
 def test_random_machines_with_preloaded_stops(seed: int) -> None:
     machine = random_machine(seed, preloaded=True)
-    moves_as_in_many_digits(*machine, impacts=5 if seed < 100 else 8, most=1e-8)
+    moves_as_in_many_digits(*machine, impacts=8, most=1e-8)
 
 
 @pytest.mark.parametrize("seed", range(24))
 def test_random_machines_with_a_hard_stop_anywhere(seed: int) -> None:
     machine = random_machine(seed, anywhere=True)
-    moves_as_in_many_digits(*machine, impacts=5, most=1e-8)
+    moves_as_in_many_digits(*machine, impacts=8, most=1e-8)
 
 
-@pytest.mark.parametrize("seed", [seed for seed in range(24) if seed != 14])
+@pytest.mark.parametrize("seed", [seed for seed in range(40) if seed not in (14, 27, 35)])
 def test_random_machines_with_several_hard_stops(seed: int) -> None:
-    moves_as_in_many_digits(*with_several_stops(seed), impacts=5, most=1e-8)
+    moves_as_in_many_digits(*with_several_stops(seed), impacts=8, most=1e-8)
 
 
 @pytest.mark.parametrize("seed", range(24))
 def test_random_machines_with_impact_laws(seed: int) -> None:
     chain, place, velocity = random_machine(seed, anywhere=True, preloaded=seed % 2 == 0)
-    moves_as_in_many_digits(by_law(chain, seed), place, velocity, impacts=5, most=1e-8)
+    moves_as_in_many_digits(by_law(chain, seed), place, velocity, impacts=8, most=1e-8)
 
 
 @pytest.mark.parametrize("seed", [seed for seed in range(24) if seed not in (14,)])
 def test_random_machines_with_several_impact_laws(seed: int) -> None:
     chain, place, velocity = with_several_stops(seed)
-    moves_as_in_many_digits(by_law(chain, seed), place, velocity, impacts=5, most=1e-8)
+    moves_as_in_many_digits(by_law(chain, seed), place, velocity, impacts=8, most=1e-8)
 
 
 @pytest.mark.parametrize("dashpot", [0.0, 0.6])
