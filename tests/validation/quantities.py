@@ -64,8 +64,8 @@ QUANTITIES = {
         nonlinear.times_of_machines, NONLINEAR
     ),
     "`ImpactAttractor.error`": Quantity(records.states_of_attractors, 24),
-    "`MapAttractor.error`": Quantity(maps.states_of_attractors, 60),
-    "`MapOrbit.error`": Quantity(maps.states_of_orbits, 60),
+    "`MapAttractor.error`": Quantity(maps.states_of_attractors, 20),
+    "`MapOrbit.error`": Quantity(maps.states_of_orbits, 18),
     "`PoincareMap.accuracy`": Quantity(flows.states_of_returns, 61),
     "`PoincareMap.accuracy`, `SymbolicFlow`": Quantity(flows.states_of_returns_of_symbols, 61),
     "`IntegratedFlow.advance_error`": Quantity(flows.states_of_times, 61),
@@ -74,7 +74,7 @@ QUANTITIES = {
     "differences of velocities": Quantity(derivatives.of_velocities, 101),
     "differences of states of flows": Quantity(derivatives.of_states, 61),
     "`ExponentialSum.first_root`, times": Quantity(sums.times_of_roots, 60),
-    "`ImpactOrbit.error`, P(1,m)": Quantity(orbits.states_of_orbits, 100),
+    "`ImpactOrbit.error`, P(1,m)": Quantity(orbits.states_of_orbits, 50),
     "`ImpactOrbit.error`, P(2,m), P(3,m)": Quantity(orbits.states_of_longer_orbits, 28),
     "`ImpactOrbit.error`, machines": Quantity(
         itineraries.states_of_machines,
@@ -98,7 +98,7 @@ QUANTITIES = {
         1,
         partial(itineraries.states_of_machines, numbers=itineraries.SLIDING, sliding=True),
     ),
-    "`Harmonics.error`": Quantity(orbits.coefficients_of_harmonics, 100),
+    "`Harmonics.error`": Quantity(orbits.coefficients_of_harmonics, 50),
     "`POD.error`, exact": Quantity(averages.powers, 60),
     "`Branch.error`": Quantity(
         branches.points_of_branches,
