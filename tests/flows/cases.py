@@ -102,7 +102,7 @@ Many: TypeAlias = Any
 
 VelocityOf: TypeAlias = Callable[[list[Many]], list[Many]]
 
-BITS, ORDER, TRUNCATION = 200, 50, 1e-26
+BITS, ORDER, TRUNCATION = 200, 40, 1e-32
 
 
 def lorenz_in_many_digits(flow: Lorenz, number: Callable[[float], Many]) -> VelocityOf:
@@ -144,7 +144,7 @@ def in_many_digits(flow: IntegratedFlow, number: Callable[[float], Many]) -> Vel
 
 
 def advanced_in_many_digits(flow: IntegratedFlow, state: list[Many], duration: Many) -> list[Many]:
-    """By Taylor series of order 50, in steps whose last term is 1e-26, at sixty digits."""
+    """By Taylor series of order 40, in steps whose last term is 1e-32, at sixty digits."""
     with ctx.workprec(BITS):
         return followed_in_many_digits(in_many_digits(flow, arb), state, duration)
 
