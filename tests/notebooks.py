@@ -91,7 +91,15 @@ def executing() -> Iterator[Callable[[NotebookNode], NotebookNode]]:
                 f"--IPKernelApp.exec_lines={_FIRST}",
             ],
             kernel_name="python3",
-            config=Config({"KernelManager": {"transport": "ipc", "ip": f"{home}/kernel"}}),
+            config=Config(
+                {
+                    "KernelManager": {
+                        "transport": "ipc",
+                        "ip": f"{home}/kernel",
+                        "shutdown_wait_time": 0.0,
+                    }
+                }
+            ),
             resources={"metadata": {"path": home}},
         )
 

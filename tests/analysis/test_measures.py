@@ -259,7 +259,7 @@ def test_a_store_is_read_meanwhile_and_survives_a_kill(name: str, tmp_path: Path
                 found = Measures.load(store)
                 seen.append(found.states)
                 assert {each.states for each in found.running.values()} == {found.states}
-            time.sleep(0.1)
+            time.sleep(0.02)
         with pytest.raises(ValueError, match="store must not be in use by another writer"):
             run(SYSTEMS[name], 10**8, store)
     finally:

@@ -68,7 +68,7 @@ def test_the_torus_of_the_delayed_logistic_map() -> None:
 def test_the_fold_of_the_henon_map() -> None:
     """b by the left and right eigenvectors of (1 - a x^2 + y, b x), or of its own form."""
     branch = continue_orbit(
-        periodic_orbit(Henon(a=0.2, b=0.3), [0.6, 0.2]), "a", bounds=(-1.0, 0.3)
+        periodic_orbit(Henon(a=0.2, b=0.3), [0.6, 0.2]), "a", bounds=(-1.0, 0.3), points=400
     )
     (fold,) = of_kind(branch, "SN")
     system, state = fold.orbit.system, fold.orbit.states[0]

@@ -29,7 +29,7 @@ def branch(
     system: Map, guess: list[float], parameter: str, bounds: tuple[float, float], n: int = 1
 ) -> Branch:
     orbit = periodic_orbit(system, guess, period=n)
-    return continue_orbit(orbit, parameter, bounds=bounds, largest_step=0.3)
+    return continue_orbit(orbit, parameter, bounds=bounds, largest_step=0.3, points=400)
 
 
 def only(found: Branch, kind: str) -> Bifurcation:

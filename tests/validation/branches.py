@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import suppress
 from fractions import Fraction
 from functools import cache
@@ -23,20 +23,22 @@ MAPS, BRANCHES, OSCILLATORS = 360, 100, 560
 
 
 @cache
-def branch_of_henon(number: int) -> Branch:
+def branch_of_henon(number: int, points: int) -> Branch:
     """Fixed points of Henon's map as a changes, with its fold and its doubling."""
     b = round(Random(number).uniform(-0.8, 0.8), 6)
     orbit = periodic_orbit(Henon(a=0.1, b=b), [0.8, 0.1])
-    return continue_orbit(orbit, "a", bounds=(-1.0, 3.5))
+    return continue_orbit(orbit, "a", bounds=(-1.0, 3.5), points=points)
 
 
-def points_of_branches(every: int) -> Iterator[tuple[float, float]]:
+def points_of_branches(
+    every: int, numbers: Sequence[int] = range(BRANCHES), points: int = 2000
+) -> Iterator[tuple[float, float]]:
     """Distance of points from the curve: the shortest step onto it, from exact residuals.
 
-    Of every so manieth point of every so manieth branch.
+    Of every so manieth point of every so manieth branch, of so many points in each direction.
     """
-    for number in range(0, BRANCHES, every):
-        branch = branch_of_henon(number)
+    for number in numbers[::every]:
+        branch = branch_of_henon(number, points)
         equations = OrbitEquations(branch.problem, float(np.ptp(branch.parameter)))
         b = branch.system.value_of("b")
         for x, p, claimed in zip(
