@@ -17,6 +17,8 @@ if TYPE_CHECKING:
 
 # Largest number of Newton's steps, and the rounding of an integral relative to its terms.
 _STEPS, _ROUNDINGS = 50, 4.0 * 2.0**-52
+# Least change of an integral along a motion, relative to its terms, that is no error of the flow.
+_DRIFT = 1e-6
 
 
 @final
@@ -73,6 +75,17 @@ class Level:
             multiple += off / slope
             here = reduced + multiple * way
         raise Refused(f"no state with {self.name} {self.value!r} is near {reduced.tolist()}")
+
+    def require_constant(self, arrived: Array) -> None:
+        """Raise ValueError where the integral has another value after a motion from the level."""
+        value = self.flow.integral(self.name, arrived)
+        terms = abs(self.flow.integral_gradient(self.name, arrived)) @ abs(arrived)
+        most = max(_DRIFT, self.flow.accuracy**0.5) * float(terms + abs(self.value))
+        if abs(value - self.value) > most:
+            raise ValueError(
+                f"{self.name} must be constant along motions, as one of the integrals; it went "
+                f"from {self.value:.6g} to {value:.6g}, at {arrived.tolist()}"
+            )
 
     def derivative(self, reduced: Array) -> Array:
         """Return the derivative, (d - 1, d - 1), of the state on the level by the state."""

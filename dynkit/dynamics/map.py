@@ -38,7 +38,8 @@ class Map(SmoothMap):
        of the result. Otherwise it is computed from differences, with 5 to 20 calls for each
        coordinate, and errors of multipliers, exponents and bifurcations include their error.
     4. ``difference(a, b)``, when coordinates are angles: a - b, wrapped to the shortest way. Its
-       arguments are (..., d) and broadcast; it is antisymmetric, and zero where a equals b.
+       arguments are (..., d) and broadcast; it is antisymmetric, and zero where a equals b. The
+       call returns angles within one turn: tolerances and errors are relative to sizes of states.
     5. ``parameters`` and ``replace``, when the class has parameters but is not a dataclass; see
        `Family`.
     6. `accuracy`, when a call has errors beyond rounding, and ``call_errors(states)``, when these

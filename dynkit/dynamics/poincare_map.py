@@ -202,7 +202,8 @@ class PoincareMap(Map):
         TangentCrossing
             When the rate of the section's value at the state is below the least rate.
         ValueError
-            When the state is not finite, or not of that shape.
+            When the state is not finite, or not of that shape; when the integral of the level
+            changes along the motion.
         """
         start = self._lifted(finite_array("state", state, (self.dimension,)))
         if self.least_rate:
@@ -212,7 +213,10 @@ class PoincareMap(Map):
                     f"the flow must leave the section at a rate of {self.least_rate:.2g} or more; "
                     f"got {self.section.direction * rate:.2g} at {start.tolist()}"
                 )
-        return self.flow.next_crossing(start, self.section, self.time_limit)
+        hit = self.flow.next_crossing(start, self.section, self.time_limit)
+        if self._level:
+            self._level.require_constant(hit.state)
+        return hit
 
     def __call__(self, state: Array) -> Array:
         return self.section.reduce(self.crossing(state).state)

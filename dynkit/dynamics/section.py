@@ -172,9 +172,7 @@ class Hyperplane(PoincareSection):
         return self._chart.T.copy()
 
     def difference(self, a: Array, b: Array) -> Array:
-        gap = super().difference(a, b)
-        gap[..., self._angles] -= _TURN * np.rint(gap[..., self._angles] / _TURN)
-        return gap
+        return _shortest(super().difference(a, b), self._angles)
 
     def __repr__(self) -> str:
         return f"Hyperplane({self._unit.tolist()}, {self._distance}, {self._direction:+d})"
@@ -185,10 +183,7 @@ class Hyperplane(PoincareSection):
     def _places_of(self, angles: Sequence[int], normal: Array) -> list[int]:
         """Return the indices, in the chart, of coordinates along which the normal is zero."""
         places = []
-        for i, angle in enumerate(angles):
-            index = non_negative_integer(f"angles[{i}]", angle)
-            if index >= self.dimension:
-                raise ValueError(f"angles[{i}] must be less than {self.dimension}; got {index}")
+        for index in _indices(angles, self.dimension):
             if normal[index] != 0.0:
                 raise ValueError(
                     f"normal[{index}], an angle's, must be zero; got {float(normal[index])}"
@@ -212,11 +207,15 @@ class Stroboscope(PoincareSection):
         Number d of the state's coordinates; d >= 2.
     phase : float
         Phase of the flashes, in radians.
+    angles : sequence of int
+        Indices of the other coordinates that are angles: `reduce` takes them modulo 2 pi. The
+        motion of a driven pendulum that turns is periodic with ``angles=[0]`` only.
 
     Raises
     ------
     ValueError
-        When the dimension is not an integer >= 2, or the phase is not finite.
+        When the dimension is not an integer >= 2, the phase is not finite, or an angle is not an
+        index of the other coordinates.
 
     Examples
     --------
@@ -227,11 +226,12 @@ class Stroboscope(PoincareSection):
     True
     """
 
-    def __init__(self, dimension: int, phase: float = 0.0) -> None:
+    def __init__(self, dimension: int, phase: float = 0.0, angles: Sequence[int] = ()) -> None:
         self._dimension = positive_integer("dimension", dimension)
         if self._dimension < 2:
             raise ValueError(f"dimension must be 2 or more; got {dimension}")
         self._phase = finite_scalar("phase", phase)
+        self._angles = _indices(angles, self._dimension - 1)
 
     @property
     def dimension(self) -> int:
@@ -250,7 +250,9 @@ class Stroboscope(PoincareSection):
         return gradient
 
     def reduce(self, state: Array) -> Array:
-        return self._checked(state)[:-1].copy()
+        coordinates = self._checked(state)[:-1].copy()
+        coordinates[self._angles] %= _TURN
+        return coordinates
 
     def lift(self, reduced: Array) -> Array:
         return np.append(finite_array("reduced", reduced, (self._dimension - 1,)), self._phase)
@@ -263,11 +265,31 @@ class Stroboscope(PoincareSection):
         finite_array("reduced", reduced, (self._dimension - 1,))
         return np.eye(self._dimension, self._dimension - 1)
 
+    def difference(self, a: Array, b: Array) -> Array:
+        return _shortest(super().difference(a, b), self._angles)
+
     def __repr__(self) -> str:
         return f"Stroboscope({self._dimension}, {self._phase})"
 
     def _checked(self, state: Array) -> Array:
         return finite_array("state", state, (self._dimension,))
+
+
+def _indices(angles: Sequence[int], count: int) -> list[int]:
+    """Return the indices of angles among coordinates, checked."""
+    found = []
+    for i, angle in enumerate(angles):
+        index = non_negative_integer(f"angles[{i}]", angle)
+        if index >= count:
+            raise ValueError(f"angles[{i}] must be less than {count}; got {index}")
+        found.append(index)
+    return found
+
+
+def _shortest(gap: Array, angles: list[int]) -> Array:
+    """Wrap the angles of a difference (..., d), modified in place, to the shortest way."""
+    gap[..., angles] -= _TURN * np.rint(gap[..., angles] / _TURN)
+    return gap
 
 
 def _orthonormal_complement(unit: Array) -> Array:

@@ -7,7 +7,7 @@ from typing import TypeAlias
 import numpy as np
 
 from dynkit.core.no_motion import replaced
-from dynkit.core.validation import Array
+from dynkit.core.validation import Array, finite_array
 from dynkit.dynamics.flow import Flow
 from dynkit.testing.requirements import (
     FLOW_ACCURACY,
@@ -111,8 +111,9 @@ flow_checks: tuple[FlowCheck, ...] = (
 
 def check_flow(flow: Flow, states: Array) -> None:
     """Run all `flow_checks` on a flow, at states (k, d)."""
+    given = finite_array("states", states, (None, None))
     for check in flow_checks:
-        check(flow, states)
+        check(flow, given)
 
 
 def _functions(flow: Flow) -> list[tuple[str, VectorFunction]]:

@@ -7,7 +7,7 @@ from typing import TypeAlias
 import numpy as np
 
 from dynkit.core.no_motion import replaced
-from dynkit.core.validation import Array
+from dynkit.core.validation import Array, finite_array
 from dynkit.dynamics.map import Map
 from dynkit.testing.requirements import (
     inside_its_range,
@@ -155,8 +155,9 @@ map_checks: tuple[MapCheck, ...] = (
 
 def check_map(system: Map, states: Array) -> None:
     """Run all `map_checks` on a map, at states (k, d)."""
+    given = finite_array("states", states, (None, None))
     for check in map_checks:
-        check(system, states)
+        check(system, given)
 
 
 def _next_state(state: Array, name: str, system: Map, value: Array) -> Array:

@@ -7,7 +7,7 @@ from typing import TypeAlias
 import numpy as np
 
 from dynkit.core.no_motion import NoCrossing
-from dynkit.core.validation import Array
+from dynkit.core.validation import Array, finite_array
 from dynkit.dynamics.poincare_map import PoincareMap
 from dynkit.testing.maps import map_checks
 from dynkit.testing.requirements import FLOW_ACCURACY, require, require_close
@@ -81,5 +81,6 @@ poincare_map_checks: tuple[PoincareMapCheck, ...] = (
 
 def check_poincare_map(system: PoincareMap, states: Array) -> None:
     """Run `poincare_map_checks` and `map_checks` on a Poincare map, at states (k, d - 1)."""
+    given = finite_array("states", states, (None, None))
     for check in (*poincare_map_checks, *map_checks):
-        check(system, states)
+        check(system, given)

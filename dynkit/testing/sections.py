@@ -6,7 +6,7 @@ from typing import TypeAlias
 
 import numpy as np
 
-from dynkit.core.validation import Array
+from dynkit.core.validation import Array, finite_array
 from dynkit.dynamics.section import PoincareSection
 from dynkit.testing.requirements import (
     VectorFunction,
@@ -91,8 +91,9 @@ section_checks: tuple[SectionCheck, ...] = (
 
 def check_section(section: PoincareSection, points: Array) -> None:
     """Run all `section_checks` on a section, at reduced points (k, d - 1)."""
+    given = finite_array("points", points, (None, None))
     for check in section_checks:
-        check(section, points)
+        check(section, given)
 
 
 def _shifted_value(section: PoincareSection, shift: float, state: Array) -> Array:

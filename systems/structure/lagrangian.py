@@ -136,6 +136,13 @@ class LagrangianStructure(Shown, ABC):
     def _derivation(self) -> Derivation:
         return shared_derivation(self)
 
+    def _has_energies_of(self, kind: type[LagrangianStructure]) -> bool:
+        """Whether no energy of a base class is overridden."""
+        return all(
+            getattr(type(self), name) is getattr(kind, name)
+            for name in ("kinetic", "potential", "dissipation")
+        )
+
     def _derive(self) -> Derivation:
         size = positive_integer("degrees_of_freedom", self.degrees_of_freedom)
         v, x = symbols("v", size), symbols("x", size)

@@ -30,6 +30,15 @@ class Expressions:
     parameters: tuple[sympy.Symbol, ...]
     values: tuple[sympy.Expr, ...]
 
+    def modulo_turns(self, places: Iterable[int]) -> Expressions:
+        """Return the same with the values at these places modulo 2 pi."""
+        from sympy import Mod, pi
+
+        values = list(self.values)
+        for i in places:
+            values[i] = Mod(values[i], 2 * pi)
+        return dataclasses.replace(self, values=tuple(values))
+
     @cached_property
     def jacobian(self) -> tuple[sympy.Expr, ...]:
         """The derivatives by the coordinates, (d, d), row by row."""

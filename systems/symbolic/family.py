@@ -76,9 +76,11 @@ class Program:
         parameters: tuple[str, ...],
         structure: Structure,
         scalar: bool = False,
+        angles: tuple[int, ...] = (),
     ) -> None:
         self.name = f"{kind.__name__}.{method}"
-        self.expressions = expressions_of(kind, method, parameters, structure, scalar)
+        found = expressions_of(kind, method, parameters, structure, scalar)
+        self.expressions = found.modulo_turns(angles) if angles else found
 
     def _compiled(self, values: Sequence[Any]) -> Code:
         from dynkit.systems.symbolic.machine_code import compiled
@@ -105,8 +107,10 @@ class Program:
 _programs = cache(Program)
 
 
-def program_of(system: Family, method: str, scalar: bool = False) -> Program:
+def program_of(
+    system: Family, method: str, scalar: bool = False, angles: tuple[int, ...] = ()
+) -> Program:
     """Return the program of a system's class, which all values of its parameters share."""
     kind: Any = type(system)
     names = tuple(system.parameters)
-    return _programs(kind, method, names, structure_of(system, names), scalar)
+    return _programs(kind, method, names, structure_of(system, names), scalar, angles)

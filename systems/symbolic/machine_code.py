@@ -105,8 +105,12 @@ class _Instructions:
         return self._builder.fcmp_ordered(sign, a, b)
 
 
-def wrapped(name: str, function: Any, dimension: int, parameters: int) -> Code:
+def wrapped(
+    name: str, function: Any, dimension: int, parameters: int, angles: tuple[int, ...] = ()
+) -> Code:
     """Return code that calls a function of ``numba.njit`` with coordinates and parameters.
+
+    The results at the places of angles are taken modulo 2 pi.
 
     Raises
     ------
@@ -114,15 +118,18 @@ def wrapped(name: str, function: Any, dimension: int, parameters: int) -> Code:
         When it does not return a tuple of as many numbers as coordinates.
     """
     import numba as module
+    import numpy as np
     from numba.core import types
     from numba.np.unsafe import ndarray
 
     numba: Any = module
     fixed_tuple: Any = ndarray.to_fixed_tuple
+    turn, places = 2.0 * np.pi, np.array(angles, dtype=np.intp)
     if INTERPRETED:
 
         def plain(state: Array, given: Array, out: Array) -> None:
             out[:] = _returned(name, function(*state, *given), dimension)
+            out[places] %= turn
 
         return Code(plain, plain)
     arguments = (types.float64,) * (dimension + parameters)
@@ -140,6 +147,8 @@ def wrapped(name: str, function: Any, dimension: int, parameters: int) -> Code:
         for value in numba.literal_unroll(function(*(numbers + more))):
             out[i] = value
             i += 1  # noqa: SIM113  Numba unrolls tuples only
+        for k in places:
+            out[k] %= turn
 
     return Code(call.address, call)
 

@@ -36,7 +36,8 @@ class CompiledMap(CodedFamily, Map):
     Attributes
     ----------
     angles : tuple of str
-        A class variable: names of coordinates that are angles. Their `difference` is wrapped.
+        A class variable: names of coordinates that are angles. Next states have them modulo 2 pi,
+        and their `difference` is wrapped.
 
     Raises
     ------
@@ -88,19 +89,19 @@ class CompiledMap(CodedFamily, Map):
         """Return a - b with the `angles` wrapped; (..., d) arrays."""
         gap = super().difference(a, b)
         if self.angles:
-            places = self._angle_places
+            places = list(self._angle_places)
             gap[..., places] -= _TURN * np.rint(gap[..., places] / _TURN)
         return gap
 
     @cached_property
-    def _angle_places(self) -> list[int]:
+    def _angle_places(self) -> tuple[int, ...]:
         known = self._coordinates
         if isinstance(self.angles, str) or not set(self.angles) <= set(known):
             raise ValueError(
                 f"angles must be a tuple of names of coordinates, {', '.join(known)}; "
                 f"got {self.angles!r}"
             )
-        return [known.index(name) for name in self.angles]
+        return tuple(known.index(name) for name in self.angles)
 
     @property
     def _coordinates(self) -> tuple[str, ...]:
@@ -108,7 +109,7 @@ class CompiledMap(CodedFamily, Map):
 
     @cached_property
     def _step(self) -> Code:
-        return _static_step(type(self), tuple(self.parameters))
+        return _static_step(type(self), tuple(self.parameters), self._angle_places)
 
 
 class SymbolicMap(CompiledMap):
@@ -130,7 +131,7 @@ class SymbolicMap(CompiledMap):
     Attributes
     ----------
     angles : tuple of str
-        A class variable: names of coordinates that are angles.
+        A class variable: names of coordinates that are angles, as for `CompiledMap`.
 
     Raises
     ------
@@ -207,7 +208,7 @@ class SymbolicMap(CompiledMap):
 
     @cached_property
     def _program(self) -> Program:
-        return program_of(self, "next_state")
+        return program_of(self, "next_state", angles=self._angle_places)
 
 
 @cache
@@ -238,8 +239,10 @@ def _names_of_static(kind: type[CompiledMap], parameters: tuple[str, ...]) -> tu
 
 
 @cache
-def _static_step(kind: type[CompiledMap], parameters: tuple[str, ...]) -> Code:
+def _static_step(
+    kind: type[CompiledMap], parameters: tuple[str, ...], angles: tuple[int, ...]
+) -> Code:
     from dynkit.systems.symbolic.machine_code import wrapped
 
     count = len(_names_of_static(kind, parameters))
-    return wrapped(f"{kind.__name__}.next_state", kind.next_state, count, len(parameters))
+    return wrapped(f"{kind.__name__}.next_state", kind.next_state, count, len(parameters), angles)

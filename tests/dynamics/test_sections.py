@@ -136,6 +136,18 @@ def test_a_stroboscope_forgets_the_phase() -> None:
     assert Stroboscope(3, phase=0.7).reduce(np.array([1.0, 2.0, 9.0])).tolist() == [1.0, 2.0]
 
 
+def test_a_stroboscope_takes_angles_modulo_a_turn() -> None:
+    flashes = Stroboscope(3, angles=[0])
+    assert flashes.reduce(np.array([7.0, 8.0, 9.0])).tolist() == [7.0 % (2.0 * np.pi), 8.0]
+    gap = flashes.difference(np.array([0.1, 7.0]), np.array([6.2, 0.0]))
+    assert gap == pytest.approx([0.1 - 6.2 + 2.0 * np.pi, 7.0])
+
+
+def test_the_phase_of_a_stroboscope_is_no_other_angle() -> None:
+    with pytest.raises(ValueError, match=r"^angles\[1\] must be less than 2; got 2$"):
+        Stroboscope(3, angles=[0, 2])
+
+
 @pytest.mark.parametrize(
     ("dimension", "phase", "message"),
     [

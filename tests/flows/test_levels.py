@@ -394,6 +394,28 @@ def test_a_level_that_is_not_near_is_refused() -> None:
         system(np.array([0.1, 0.1, 0.4]))
 
 
+class Damped(SymbolicFlow):
+    """An oscillator that loses the energy which it declares constant."""
+
+    integrals = ("energy",)
+    damping: float = 0.1
+
+    def velocity(self, x: Any, v: Any) -> tuple[Any, ...]:
+        return v, -x - self.damping * v
+
+    def energy(self, x: Any, v: Any) -> Any:
+        return (x**2 + v**2) / 2
+
+
+def test_an_integral_that_is_not_constant_is_refused() -> None:
+    turns = Hyperplane([0.0, 1.0])
+    system = PoincareMap(Damped(), turns, time_limit=20.0, level=("energy", 0.5))
+    with pytest.raises(ValueError, match=r"^energy must be constant .* from 0\.5 to 0\.26"):
+        periodic_orbit(system, np.array([-1.0]))
+    free = PoincareMap(Damped(damping=0.0), turns, time_limit=20.0, level=("energy", 0.5))
+    assert free(np.array([-1.0])) == pytest.approx([-1.0], abs=1e-13)
+
+
 def test_bad_levels_are_refused() -> None:
     with pytest.raises(ValueError, match="level must be one of"):
         PoincareMap(GALAXY, AXIS, time_limit=50.0, level=("momentum", 0.1))

@@ -313,6 +313,26 @@ def test_the_parametric_pendulum_has_the_borders_of_mathieu(
     assert np.linalg.det(matrix) == pytest.approx(1.0, abs=1e-11)
 
 
+class Rotor(SymbolicFlow):
+    """A rotor that a field, which turns at the given frequency, pulls along."""
+
+    damping: float = 0.5
+    frequency: float = 0.8
+
+    def velocity(self, angle: Any, rate: Any, phase: Any) -> tuple[Any, ...]:
+        pull = -self.damping * (rate - self.frequency) - sp.sin(angle - phase)
+        return rate, pull, self.frequency
+
+
+def test_a_rotor_that_turns_with_its_drive_has_a_periodic_orbit() -> None:
+    turning = PoincareMap(Rotor(), Stroboscope(3, angles=[0]), time_limit=20.0)
+    orbit = turning.attractor(start=at(0.3, 0.5)).periodic_orbit()
+    assert turning.difference(orbit.states, at(0.0, 0.8)) == pytest.approx(0.0, abs=1e-13)
+    # beside angle = phase: y'' + damping y' + y = 0
+    rates = np.roots([1.0, 0.5, 1.0])
+    assert orbit.multipliers == pytest.approx(np.exp(rates * 2.0 * np.pi / 0.8), abs=1e-12)
+
+
 def test_the_brusselator_has_a_hopf_point_in_closed_form() -> None:
     a = 1.3
     rest = equilibrium(Brusselator(a=a, b=1.0), at(a, 1.0 / a))

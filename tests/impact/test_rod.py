@@ -167,3 +167,12 @@ def test_arrays_of_another_rod_are_refused() -> None:
         FREE.reduced([1.0])
     with pytest.raises(ValueError, match="record must be one of this rod"):
         FREE.truncation_errors(FREE.replace(masses=51).simulate(impacts=1, start=None))
+
+
+def test_a_rod_whose_energies_are_overridden_is_refused() -> None:
+    class OnSprings(ImpactRod):
+        def potential(self, x: Any) -> Any:
+            return super().potential(x) + x[0] ** 2
+
+    with pytest.raises(TypeError, match="OnSprings must not override energies of ImpactRod"):
+        OnSprings(frequency=1.0)

@@ -13,6 +13,7 @@ import scipy.linalg
 from mpmath import mp, mpf
 
 from dynkit.systems.impact.oscillators.chain import ImpactChain
+from dynkit.systems.impact.oscillators.matrix import MatrixOscillator
 from dynkit.systems.impact.oscillators.oscillator import ImpactOscillator
 from dynkit.systems.impact.simulation.trajectory import Ending
 from tests.impact.exact import exact_errors
@@ -116,6 +117,45 @@ def test_same_energies_give_the_same_bits(frequency: float) -> None:
     assert one.states.tobytes() == other.states.tobytes()
     assert one.time.tobytes() == other.time.tobytes()
     assert one.sticking.tobytes() == other.sticking.tobytes()
+
+
+@dataclass(frozen=True, kw_only=True)
+class Stiffened(MatrixOscillator):
+    """Matrices, and a spring from the first mass to the ground beside them."""
+
+    hardening: float = 0.0
+
+    def potential(self, x: tuple[sympy.Symbol, ...]) -> sympy.Expr:
+        return super().potential(x) + x[0] ** 2 / 4 + self.hardening * x[0] ** 4
+
+    def dissipation(self, v: tuple[sympy.Symbol, ...]) -> sympy.Expr:
+        return super().dissipation(v) + v[1] ** 2 / 8
+
+
+@dataclass(frozen=True, kw_only=True)
+class StiffenedChain(ImpactChain):
+    hardening: float = 0.0
+
+    def potential(self, x: tuple[sympy.Symbol, ...]) -> sympy.Expr:
+        return super().potential(x) + x[0] ** 2 / 4 + self.hardening * x[0] ** 4
+
+    def dissipation(self, v: tuple[sympy.Symbol, ...]) -> sympy.Expr:
+        return super().dissipation(v) + v[1] ** 2 / 8
+
+
+@pytest.mark.parametrize("hardening", [0.0, 0.25])
+def test_energies_that_a_subclass_adds_to_matrices_count(hardening: float) -> None:
+    plain = ImpactChain(masses=2, frequency=0.9)
+    chain = StiffenedChain(masses=2, frequency=0.9, hardening=hardening)
+    matrices = {"M": plain.mass, "C": plain.damping_matrix, "K": plain.stiffness}
+    given = Stiffened(frequency=0.9, hardening=hardening, **matrices)
+    assert given.engine == chain.engine
+    assert given.stiffness == pytest.approx(chain.stiffness)
+    starts = [system.state([0.1, 0.4], [0.0, 0.1]) for system in (given, chain)]
+    found = given.simulate(impacts=20, start=starts[0])
+    expected = chain.simulate(impacts=20, start=starts[1])
+    near = found.error + expected.error
+    assert np.all(abs(found.relative_velocity - expected.relative_velocity) <= near)
 
 
 def test_a_subclass_is_replaced_by_its_own_kind() -> None:

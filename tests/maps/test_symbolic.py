@@ -200,6 +200,56 @@ def test_angles_are_wrapped_to_the_shortest_way() -> None:
     assert gap == pytest.approx(np.array([[6.1 - 2.0 * np.pi, 7.0], [3.2 - 2.0 * np.pi, 0.0]]))
 
 
+class Circle(SymbolicMap):
+    """Arnold's circle map, written without a modulus."""
+
+    angles: ClassVar = ("theta",)
+    drift: float = 1.9
+    kick: float = 0.5
+
+    def next_state(self, theta: Any) -> tuple[Any, ...]:
+        return (theta + self.drift + self.kick * sp.sin(theta),)
+
+
+class CompiledCircle(CompiledMap):
+    angles: ClassVar = ("theta",)
+    drift: float = 1.9
+    kick: float = 0.5
+
+    @staticmethod
+    @numba.njit
+    def next_state(theta: Any, drift: Any, kick: Any) -> Any:
+        return (theta + drift + kick * np.sin(theta),)
+
+
+@pytest.mark.parametrize("kind", [Circle, CompiledCircle])
+def test_angles_stay_within_one_turn(kind: Any) -> None:
+    states = kind().iterate(at(0.1), 1000)
+    lifted = np.empty(1001)
+    lifted[0] = 0.1
+    for i in range(1000):
+        lifted[i + 1] = lifted[i] + 1.9 + 0.5 * np.sin(lifted[i])
+    assert states.min() >= 0.0
+    assert states.max() <= 2.0 * np.pi
+    assert kind().difference(states, lifted[:, None]) == pytest.approx(0.0, abs=1e-10)
+    assert kind().jacobian(at(3.0)) == pytest.approx(np.array([[1.0 + 0.5 * np.cos(3.0)]]))
+
+
+@pytest.mark.parametrize("kind", [Circle, CompiledCircle])
+@pytest.mark.parametrize("transient", [100, 10_000, 1_000_000])
+def test_the_label_of_a_turning_motion_does_not_hang_on_its_turns(
+    kind: Any, transient: int
+) -> None:
+    label = kind().attractor(start=at(0.1), transient=transient).label
+    # the mean advance over 1e8 iterates, whose error is about one turn over their number
+    assert label.rotation_number == pytest.approx(0.29526251406, abs=2e-8)
+
+
+@pytest.mark.plain
+def test_the_interpreted_step_wraps_angles_too() -> None:
+    assert CompiledCircle()(at(6.0)) == pytest.approx(7.9 + 0.5 * np.sin(6.0) - 2.0 * np.pi)
+
+
 @pytest.mark.parametrize("given", ["xy", (0,), ("z",)])
 def test_angles_that_are_no_names_of_coordinates_are_refused(given: Any) -> None:
     class Turned(SymbolicMap):

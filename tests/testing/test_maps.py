@@ -169,3 +169,13 @@ class Jump(Henon):
 def test_a_state_at_a_jump_is_said_to_be_no_place_to_compare() -> None:
     with pytest.raises(AssertionError, match="differences do not converge"):
         testing.jacobian_is_the_derivative(Jump(), np.array([[1.0, 0.4]]))
+
+
+def test_states_may_be_lists() -> None:
+    testing.check_map(Henon(), [[0.1, 0.2], [0.3, -0.1]])
+    testing.check_section(PLANE, POINTS.tolist())
+
+
+def test_one_state_in_place_of_rows_is_refused_by_name() -> None:
+    with pytest.raises(ValueError, match=r"^states must have shape \(any, any\); got shape \(2,\)"):
+        testing.check_map(Henon(), [0.1, 0.2])

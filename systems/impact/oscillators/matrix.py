@@ -30,6 +30,9 @@ class MatrixOscillator(ImpactOscillator):
         the elements of K is exactly zero: a rigid body.
     frequency, ... : as for `ImpactOscillator`
 
+    A subclass may add terms to the energies, as those of springs that are not linear, to
+    ``super().potential(x)``.
+
     Raises
     ------
     ValueError
@@ -90,6 +93,8 @@ class MatrixOscillator(ImpactOscillator):
         return _form(self.C, v)
 
     def _derive(self) -> Derivation:
+        if not self._has_energies_of(MatrixOscillator):
+            return super()._derive()
         m, c, k = (SymmetricMatrix.from_dense(np.array(a)) for a in (self.M, self.C, self.K))
         return Derivation(m, c, k, exact=False)
 

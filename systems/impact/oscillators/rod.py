@@ -99,6 +99,11 @@ class ImpactRod(ImpactOscillator):
     elements: tuple[Element, ...] = field(init=False, repr=False, default=())
 
     def __post_init__(self) -> None:
+        if not self._has_energies_of(ImpactRod):
+            raise TypeError(
+                f"{type(self).__name__} must not override energies of ImpactRod, from whose modes "
+                "it is reduced; use ImpactChain"
+            )
         count = positive_integer("masses", self.masses)
         if count < 2:
             raise ValueError(f"masses must be at least 2; got {count}")
