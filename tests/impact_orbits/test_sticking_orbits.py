@@ -203,6 +203,14 @@ def record_of(orbit: ImpactOrbit) -> Any:
         count *= 2
 
 
+def test_an_orbit_begins_within_the_first_turn_wherever_it_was_found() -> None:
+    chain = ImpactChain(frequency=0.408)
+    (found,) = chain.periodic_orbits(periods=2, sticking=True)
+    assert 0.0 <= found.phases[0] < TURN
+    wanted = chain.attractor().periodic_orbit()
+    assert found.phases == pytest.approx(wanted.phases, abs=found.error + wanted.error)
+
+
 @pytest.mark.parametrize("name", SYSTEMS)
 def test_samples_are_those_of_a_simulation(name: str) -> None:
     orbit = orbit_of(name)

@@ -452,9 +452,7 @@ def run(
         own[MOTION] = BOUNCED
         if noise > 0.0:
             slots = tables.slots[m, : tables.counts[m]]
-            disturb_by_address(
-                codes[NOISE], (gap, slots, False, y, clock, own, noise, band_factor)
-            )
+            disturb_by_address(codes[NOISE], (gap, slots, False, y, clock, own, noise, band_factor))
         if store:
             note_impact(done, best, gap.steady, clock, own[SPEED], y, impacts)
         done += 1

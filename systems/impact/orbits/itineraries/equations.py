@@ -294,17 +294,15 @@ class ItineraryEquations(ImpactProblem):
 
     def in_turn(self, x: Array) -> tuple[Self, Array]:
         """With its events in turn, from its first one at a phase in [0, 2 pi) on."""
-        if self.sticks:
-            return self.shortest(x)
+        own, x = self.shortest(x.copy()) if self.sticks else (self, x.copy())
         if not self.driven:
-            return self, x
-        x = x.copy()
-        phases = x[: self.layout.events]
+            return own, x
+        phases = x[: own.layout.events]
         turn = TWO_PI * self.periods
         if self.responds:
             phases -= turn * np.floor((phases - phases[0]) / turn)
         phases -= TWO_PI * np.floor(phases[0] / TWO_PI)
-        return self._ascending(x) if self.responds else (self, x)
+        return own._ascending(x) if self.responds else (own, x)
 
     def _ascending(self, x: Array) -> tuple[Self, Array]:
         """The same impacts of one mode in the order of their phases."""

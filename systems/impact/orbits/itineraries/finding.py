@@ -153,8 +153,10 @@ def guess_of(
     driven = system._excitation.turns
     clock = system.frequency if driven else TWO_PI / length
     phases = clock * seen.times + (0.0 if quiet else state.phase)
-    if not driven:
-        phases = phases - phases[0]
+    if driven:
+        phases -= TWO_PI * np.floor(phases[0] / TWO_PI)  # large ones have fewer digits
+    else:
+        phases -= phases[0]
         phases[0] = length
     course = Course(seen.events, (0,))
     nodes = course.releases if course.sticks else tuple(range(periods)) if quiet else (0,)
