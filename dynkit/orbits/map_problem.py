@@ -192,15 +192,16 @@ class MapProblem(PeriodicProblem, FamilyProblem):
         """Whether a solution without free parameters belongs to a curve of solutions.
 
         The derivative is then singular, and another solution lies beside it along the null vector;
-        it is sought by Gauss and Newton's method. At a bifurcation there is none.
+        it is sought by Gauss and Newton's method. At a bifurcation there is none, and without a
+        derivative none is known.
         """
         none, scale = np.empty(0), self.scale(x)
         identity = float((scale / np.tile(self.units, len(self._like))).max())
-        _, sizes, rows = np.linalg.svd(self.linearization(x, none) * scale)
-        if sizes[-1] > _SINGULAR * max(float(sizes[0]), identity):
-            return False
-        y, row = x + _BESIDE * scale * rows[-1], identity * rows[-1]
         try:
+            _, sizes, rows = np.linalg.svd(self.linearization(x, none) * scale)
+            if sizes[-1] > _SINGULAR * max(float(sizes[0]), identity):
+                return False
+            y, row = x + _BESIDE * scale * rows[-1], identity * rows[-1]
             for _ in range(_STEPS):
                 gap = self.residual(y, none)
                 if abs(gap).max() <= _SOLVED:

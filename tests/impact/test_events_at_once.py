@@ -10,7 +10,7 @@ from dynkit import NoDerivative, periodic_orbit
 from dynkit.analysis import LyapunovSpectrum
 from dynkit.core.validation import Array
 from dynkit.orbits.newton import NoSolution
-from dynkit.systems import DryFriction, Element, HardStop, ImpactChain
+from dynkit.systems import DryFriction, Element, HardStop, ImpactChain, SoftStop
 from dynkit.systems.impact.variational.map_derivative import derivatives
 
 START = [0.3, 0.6], [-0.5, 0.2]
@@ -49,10 +49,10 @@ def _machine(kind: Any, elements: Sequence[Element], forces: Sequence[float]) ->
     return made
 
 
-def _alike(kind: Any) -> ImpactChain:
+def _alike(kind: Any, *more: Element) -> ImpactChain:
     """Two masses that move alike, so that both stops are hit at once."""
     stops = [HardStop(k, offset=-0.1, restitution=0.7) for k in (0, 1)]
-    return _machine(kind, stops, [0.3, 0.3])
+    return _machine(kind, [*stops, *more], [0.3, 0.3])
 
 
 def _turning(kind: Any) -> ImpactChain:
@@ -135,8 +135,11 @@ def test_two_stops_that_are_hit_at_once_have_one_where_it_does_not(kind: Any) ->
     assert product[-2:, -2:] == pytest.approx(alone, abs=1e-9)
 
 
-def test_an_orbit_through_both_impacts_has_no_multipliers_where_their_order_counts() -> None:
-    machine = _alike(_Dashpot)
+@pytest.mark.parametrize("more", [(), (SoftStop(0, offset=5.0, stiffness=1.0, side="below"),)])
+def test_an_orbit_through_both_impacts_has_no_multipliers_where_their_order_counts(
+    more: tuple[Element, ...],
+) -> None:
+    machine = _alike(_Dashpot, *more)
     states = machine.simulate(impacts=400, start=machine.state([0.3, 0.3])).states
     orbit = periodic_orbit(machine, states[-2:])
     assert "no multipliers" in repr(orbit)
