@@ -8,13 +8,14 @@ from typing import Any, ClassVar, Self, cast, final, get_origin
 
 import numpy as np
 
+from dynkit.core.overriding import Extensible, code_of
 from dynkit.core.reprs import Shown
 from dynkit.core.validation import one_of
 
 _NUMBERS = (int, float, np.integer, np.floating)
 
 
-class Family(Shown):
+class Family(Extensible, Shown):
     """A family of systems with named numeric parameters, changed by `replace`.
 
     The fields in the body of a subclass, such as ``rate: float = 3.0``, are its arguments, as in a
@@ -49,11 +50,16 @@ class Family(Shown):
 
     @property
     def identity(self) -> Mapping[str, object]:
-        """Everything that the motion depends on, by name; stores compare it."""
+        """Everything that the motion depends on, by name; stores compare it.
+
+        Of a class outside of this package, `code` is a digest of its methods.
+        """
         instance: Any = self  # is_dataclass would narrow the type
+        own = {"code": digest} if (digest := code_of(type(self))) else {}
         if not dataclasses.is_dataclass(instance):
-            return self.parameters
-        return {entry.name: getattr(instance, entry.name) for entry in dataclasses.fields(instance)}
+            return {**self.parameters, **own}
+        fields = dataclasses.fields(instance)
+        return {entry.name: getattr(instance, entry.name) for entry in fields} | own
 
     @final
     def value_of(self, name: str) -> float:

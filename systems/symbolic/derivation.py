@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from functools import cached_property
 from typing import TYPE_CHECKING, Any, TypeAlias, final
 
-from dynkit.core.parameters import Family
+from dynkit.core.parameters import Family, cached_in
 from dynkit.core.validation import finite_scalar
 
 if TYPE_CHECKING:
@@ -78,14 +78,27 @@ def checked_parameters(family: Any) -> None:
 
 
 def structure_of(family: Family, parameters: Iterable[str]) -> Structure:
-    """Return the fields of a family, by name, that are none of its parameters."""
-    rest = set(family.identity) - set(parameters)
-    return tuple((name, family.identity[name]) for name in sorted(rest))
+    """Return the fields of a family, by name, that are none of its parameters.
+
+    Raises
+    ------
+    TypeError
+        When it has an attribute that is no argument: expressions of symbols do not have its value.
+    """
+    kind: Any = type(family)
+    entries = dataclasses.fields(kind) if dataclasses.is_dataclass(kind) else ()
+    known = {entry.name for entry in entries if entry.init}
+    for name in sorted(vars(family).keys() - known - cached_in(kind) - {"_kept"}):
+        raise TypeError(
+            f"{kind.__name__}.{name} must be an argument or a property, as expressions are made of "
+            f"symbols for the arguments; got an attribute of value {getattr(family, name)!r}"
+        )
+    return tuple((name, getattr(family, name)) for name in sorted(known - set(parameters)))
 
 
 def expressions_of(
     kind: type,
-    method: str,
+    function: Callable[..., Any],
     parameters: tuple[str, ...],
     structure: Structure,
     scalar: bool = False,
@@ -103,7 +116,6 @@ def expressions_of(
     """
     from sympy import Symbol
 
-    function: Callable[..., Any] = getattr(kind, method)
     called = function.__qualname__
     coordinates = tuple(Symbol(name, real=True) for name in coordinate_names(function))
     taken = {symbol.name for symbol in coordinates} & set(parameters)

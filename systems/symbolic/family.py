@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from functools import cache, cached_property
 from typing import TYPE_CHECKING, Any, final
 
@@ -32,7 +32,7 @@ class CodedFamily(Family):
 
     @cached_property
     def _numbers(self) -> Array:
-        return np.array(list(self.parameters.values()), dtype=np.float64)
+        return np.array([getattr(self, name) for name in self.parameters], dtype=np.float64)
 
     def _filled(self, code: Code, state: Array, shape: tuple[int, ...]) -> Array:
         """What code gives at a state, (d,), which is checked."""
@@ -72,13 +72,13 @@ class Program:
     def __init__(
         self,
         kind: type,
-        method: str,
+        function: Callable[..., Any],
         parameters: tuple[str, ...],
         structure: Structure,
         scalar: bool = False,
     ) -> None:
-        self.name = f"{kind.__name__}.{method}"
-        self.expressions = expressions_of(kind, method, parameters, structure, scalar)
+        self.name = f"{kind.__name__}.{function.__name__}"
+        self.expressions = expressions_of(kind, function, parameters, structure, scalar)
 
     def _compiled(self, values: Sequence[Any]) -> Code:
         from dynkit.systems.symbolic.machine_code import compiled
@@ -109,4 +109,5 @@ def program_of(system: Family, method: str, scalar: bool = False) -> Program:
     """Return the program of a system's class, which all values of its parameters share."""
     kind: Any = type(system)
     names = tuple(system.parameters)
-    return _programs(kind, method, names, structure_of(system, names), scalar)
+    # the key holds the function, since a method of a class can be replaced
+    return _programs(kind, getattr(kind, method), names, structure_of(system, names), scalar)
