@@ -37,6 +37,7 @@ from dynkit.core.validation import (
     positive_integer,
     read_only,
 )
+from dynkit.core.overriding import Extensible
 from dynkit.dynamics.attractor import Attractor
 
 _BATCHES, _WATCHED, _ITERATES = 64, 4096, 2048
@@ -46,7 +47,7 @@ _CHUNK = 1 << 18
 """Number of samples in time that are computed together."""
 
 
-class Running(ABC):
+class Running(Extensible, ABC):
     """A measure that accumulates over successive blocks of a motion, in bounded memory.
 
     A subclass must implement:
@@ -70,7 +71,8 @@ class Running(ABC):
     states: int = 0
     cost: Cost = Cost(0.0)
 
-    def __init_subclass__(cls) -> None:
+    def __init_subclass__(cls, **options: Any) -> None:
+        super().__init_subclass__(**options)
         # all annotated attributes are stored
         cls._stored = ("states", "cost", *inspect.get_annotations(cls))
 

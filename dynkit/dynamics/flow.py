@@ -173,6 +173,11 @@ class Flow(Family, ABC):
     integrals: ClassVar[tuple[str, ...]] = ()
     """Names of the methods that are first integrals."""
 
+    def __init_subclass__(cls, **options: Any) -> None:
+        own = "integral_gradient", "integral_parameter_derivative"
+        cls._following = {**cls._following, **dict.fromkeys(own, tuple(cls.integrals))}
+        super().__init_subclass__(**options)
+
     @property
     @abstractmethod
     def dimension(self) -> int:

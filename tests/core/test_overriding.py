@@ -333,6 +333,25 @@ def test_a_guard_of_a_subclass_has_its_own_gradient() -> None:
     assert Slope().guard_gradient(np.array([0.1, 0.2])) == pytest.approx([1.0, 0.5], abs=1e-9)
 
 
+def test_an_integral_of_a_subclass_has_its_own_gradient() -> None:
+    class Swing(Pendulum):
+        integrals = ("energy",)
+
+        def energy(self, state: Array) -> float:
+            return float(0.5 * state[1] ** 2 - np.cos(state[0]))
+
+        def integral_gradient(self, name: str, state: Array) -> Array:
+            return np.array([np.sin(state[0]), state[1]])
+
+    class Twice(Swing):
+        def energy(self, state: Array) -> float:
+            return 2.0 * super().energy(state)
+
+    here = np.array([0.1, 0.2])
+    found = Twice().integral_gradient("energy", here)
+    assert found == pytest.approx(2.0 * Swing().integral_gradient("energy", here), abs=1e-9)
+
+
 def test_a_guard_of_a_mixin_takes_states() -> None:
     class Guard:
         def guard(self, angle: Any, rate: Any) -> Any:
