@@ -27,6 +27,7 @@ from dynkit.analysis.pod_averages import Averages, averages_over, with_squares
 from dynkit.analysis.regimes import regime_change
 from dynkit.analysis.spectrum import Axis, PowerSpectrum, axis_of
 from dynkit.core.cost import Cost
+from dynkit.core.overriding import Extensible
 from dynkit.core.validation import (
     Array,
     finite_array,
@@ -37,7 +38,6 @@ from dynkit.core.validation import (
     positive_integer,
     read_only,
 )
-from dynkit.core.overriding import Extensible
 from dynkit.dynamics.attractor import Attractor
 
 _BATCHES, _WATCHED, _ITERATES = 64, 4096, 2048

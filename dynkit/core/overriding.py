@@ -5,6 +5,8 @@ from __future__ import annotations
 import hashlib
 import inspect
 from collections.abc import Mapping
+from functools import lru_cache
+from threading import RLock
 from types import CodeType
 from typing import Any, ClassVar
 
@@ -39,19 +41,76 @@ class Extensible:
             _inherit(cls, name, originals)
 
 
+def watching(kind: type) -> Any:
+    """Return a subclass whose instances note the names of attributes that are read."""
+    with _lock:
+        if "_watching" not in vars(kind):
+            setattr(kind, "_watching", _watching(kind))  # noqa: B010
+        return vars(kind)["_watching"]
+
+
+_lock = RLock()
+
+
+def _watching(kind: Any) -> Any:
+    def read(self: Any, name: str) -> Any:
+        used.add(name)
+        return super(made, self).__getattribute__(name)
+
+    used: set[str] = set()
+    own = {"__getattribute__": read, "_used": used, "_stands_for": kind}
+    made: Any = type(kind)(kind.__name__, (kind,), own)
+    return made
+
+
+def used_of(kind: type) -> frozenset[str]:
+    """Return the names of attributes that instances of `watching` have read so far."""
+    known = vars(kind).get("_watching")
+    return frozenset(known._used) if known else frozenset()
+
+
+def members_of(kind: type) -> tuple[tuple[str, _Member], ...]:
+    """Return which members of a user's classes have been read, to notice that one is replaced."""
+    own = _own_bases(kind)
+    if not own:
+        return ()
+    names = sorted(name for name in used_of(kind) if not name.startswith("__"))
+    found = ((n, next((vars(base)[n] for base in own if n in vars(base)), None)) for n in names)
+    return tuple((name, _Member(member)) for name, member in found if member is not None)
+
+
+class _Member:
+    """A member of a class, equal to itself alone."""
+
+    def __init__(self, member: Any) -> None:
+        self._member = member
+
+    def __eq__(self, other: object) -> bool:
+        return isinstance(other, _Member) and self._member is other._member
+
+    def __hash__(self) -> int:
+        return id(self._member)
+
+
 def code_of(kind: type) -> str:
     """Return a digest of the methods of a class that are not this package's; empty for none.
 
     Docstrings and comments do not enter, nor do functions outside of the class. The digest belongs
     to one version of Python.
     """
-    own = [base for base in kind.__mro__ if base.__module__.partition(".")[0] not in _SHIPPED]
+    own = _own_bases(kind)
     members = [pair for base in own for pair in sorted(vars(base).items(), key=lambda p: p[0])]
     codes = [(name, *_contents(function)) for name, each in members if (function := _plain(each))]
     return hashlib.sha256(repr(codes).encode()).hexdigest() if codes else ""
 
 
 _SHIPPED = "dynkit", "builtins", "abc", "typing"
+
+
+@lru_cache(maxsize=256)
+def _own_bases(kind: type) -> tuple[type, ...]:
+    """The class and its bases that are not this package's."""
+    return tuple(base for base in kind.__mro__ if base.__module__.partition(".")[0] not in _SHIPPED)
 
 
 def _plain(member: Any) -> Any:

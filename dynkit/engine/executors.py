@@ -7,8 +7,7 @@ import traceback
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import Executor, Future
 from dataclasses import dataclass
-from functools import lru_cache, reduce
-from importlib import import_module
+from functools import lru_cache
 from io import BytesIO
 from queue import SimpleQueue
 from typing import Any, Generic, TypeVar, cast, final
@@ -175,17 +174,16 @@ class _Pickler(pickle.Pickler):
         code = code_of(sent) if isinstance(sent, type) and issubclass(sent, Extensible) else ""
         if not code:
             return NotImplemented
-        pickle.dumps(sent)  # raises where its name belongs to another class
-        return _same_class, (sent.__module__, sent.__qualname__, code)
+        return _same_class, (pickle.dumps(sent), code)
 
 
-def _same_class(module: str, name: str, code: str) -> Any:
-    """The class of a name; TypeError where its methods differ from those of the sender."""
-    found: Any = reduce(getattr, name.split("."), import_module(module))
+def _same_class(sent: bytes, code: str) -> Any:
+    """The class of a pickled name; TypeError where its methods differ from those of the sender."""
+    found = pickle.loads(sent)
     if code_of(found) != code:
         raise TypeError(
-            f"the worker knows another definition of {name}: start the executor after the class is "
-            "defined, or keep the class in a file"
+            f"the worker knows another definition of {found.__qualname__}: start the executor "
+            "after the class is defined, or keep the class in a file"
         )
     return found
 

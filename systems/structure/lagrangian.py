@@ -7,11 +7,11 @@ from collections import OrderedDict
 from collections.abc import Hashable
 from functools import cached_property
 from threading import RLock
-from typing import TYPE_CHECKING, Any, ClassVar, TypeVar, final
+from typing import TYPE_CHECKING, Any, ClassVar, TypeVar, cast, final
 
 import numpy as np
 
-from dynkit.core.overriding import Extensible
+from dynkit.core.overriding import Extensible, members_of, used_of, watching
 from dynkit.core.parameters import cached_in, without_cached
 from dynkit.core.reprs import Facts, Shown
 from dynkit.core.validation import Array, positive_integer
@@ -223,41 +223,15 @@ def share_derivation(one: LagrangianStructure, other: LagrangianStructure) -> bo
 
 
 def watched(structure: _Structure) -> _Structure:
-    """Return the same structure, of a class that notes which `independent` fields are used."""
-    kind: Any = type(structure)
-    if "_watching" not in vars(kind):
-        made: dict[str, Any] = {name: _Watched(name) for name in kind.structure_independent}
-        made |= {"_used": set(), "_stands_for": kind}
-        kind._watching = type(kind)(kind.__name__, (kind,), made)
-    found: _Structure = object.__new__(kind._watching)
+    """Return the same structure, of a class that notes what energies use."""
+    found: Any = object.__new__(watching(type(structure)))
     vars(found).update(without_cached(structure))
-    return found
+    return cast("_Structure", found)
 
 
 def independent(kind: type[LagrangianStructure]) -> frozenset[str]:
     """Return the names of fields that no energy of a class has used so far."""
-    watching: Any = vars(kind).get("_watching")
-    return kind.structure_independent - (watching._used if watching else frozenset())
-
-
-@final
-class _Watched:
-    """A field in a class that notes its use."""
-
-    def __init__(self, name: str) -> None:
-        self._name = name
-
-    def __get__(self, structure: Any, kind: Any) -> Any:
-        if structure is None:
-            return getattr(super(kind, kind), self._name)
-        kind._used.add(self._name)
-        try:
-            return vars(structure)[self._name]
-        except KeyError:
-            return getattr(super(kind, structure), self._name)
-
-    def __set__(self, structure: Any, value: object) -> None:
-        vars(structure)[self._name] = value
+    return kind.structure_independent - used_of(kind)
 
 
 def _key(structure: LagrangianStructure) -> Hashable | None:
@@ -270,7 +244,7 @@ def _key(structure: LagrangianStructure) -> Hashable | None:
     except TypeError:
         return None
     # The key holds the functions, since a method of a class can be replaced.
-    return kind, kind.kinetic, kind.potential, kind.dissipation, values
+    return kind, kind.kinetic, kind.potential, kind.dissipation, members_of(kind), values
 
 
 def _frozen(value: object) -> Hashable:

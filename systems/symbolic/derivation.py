@@ -6,10 +6,11 @@ import dataclasses
 import inspect
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cache, cached_property
 from typing import TYPE_CHECKING, Any, TypeAlias, final
 
-from dynkit.core.parameters import Family, cached_in
+from dynkit.core.overriding import watching
+from dynkit.core.parameters import Family, arguments, cached_in
 from dynkit.core.validation import finite_scalar
 
 if TYPE_CHECKING:
@@ -41,7 +42,8 @@ class Expressions:
         return tuple(derivatives(self.values, self.parameters))
 
 
-def coordinate_names(function: Callable[..., Any], others: Iterable[str] = ()) -> tuple[str, ...]:
+@cache
+def coordinate_names(function: Callable[..., Any], others: tuple[str, ...] = ()) -> tuple[str, ...]:
     """Return the names of a function's arguments but for self and others.
 
     Raises
@@ -86,14 +88,13 @@ def structure_of(family: Family, parameters: Iterable[str]) -> Structure:
         When it has an attribute that is no argument: expressions of symbols do not have its value.
     """
     kind: Any = type(family)
-    entries = dataclasses.fields(kind) if dataclasses.is_dataclass(kind) else ()
-    known = {entry.name for entry in entries if entry.init}
-    for name in sorted(vars(family).keys() - known - cached_in(kind) - {"_kept"}):
+    known = arguments(family)
+    for name in sorted(vars(family).keys() - cached_in(kind) - {*known, "_kept"}):
         raise TypeError(
             f"{kind.__name__}.{name} must be an argument or a property, as expressions are made of "
             f"symbols for the arguments; got an attribute of value {getattr(family, name)!r}"
         )
-    return tuple((name, getattr(family, name)) for name in sorted(known - set(parameters)))
+    return tuple((name, getattr(family, name)) for name in sorted(set(known) - set(parameters)))
 
 
 def expressions_of(
@@ -122,7 +123,7 @@ def expressions_of(
     if taken:
         raise TypeError(f"{called} must not name a coordinate as a field; got {min(taken)}")
     symbols = tuple(Symbol(name, real=True) for name in parameters)
-    subject: Any = object.__new__(kind)
+    subject: Any = object.__new__(watching(kind))
     for name, value in (*structure, *zip(parameters, symbols, strict=True)):
         object.__setattr__(subject, name, value)
     try:

@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from functools import cache, cached_property
+from functools import cached_property
 from typing import TYPE_CHECKING, Any, final
 
 import numpy as np
 
+from dynkit.core.overriding import members_of
 from dynkit.core.parameters import Family, without_cached
 from dynkit.core.validation import Array, finite_array
 from dynkit.systems.symbolic.derivation import (
@@ -102,12 +103,17 @@ class Program:
         return self._compiled(self.expressions.by_parameters)
 
 
-_programs = cache(Program)
+_programs: dict[tuple[Any, ...], Program] = {}
 
 
 def program_of(system: Family, method: str, scalar: bool = False) -> Program:
     """Return the program of a system's class, which all values of its parameters share."""
     kind: Any = type(system)
     names = tuple(system.parameters)
-    # the key holds the function, since a method of a class can be replaced
-    return _programs(kind, getattr(kind, method), names, structure_of(system, names), scalar)
+    # the key holds functions and attributes, since those of a class can be replaced
+    given = kind, getattr(kind, method), names, structure_of(system, names), scalar
+    found = _programs.get((given, members_of(kind)))
+    if found is None:
+        found = Program(*given)
+        _programs[given, members_of(kind)] = found  # by now it is known which are used
+    return found

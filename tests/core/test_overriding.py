@@ -9,7 +9,7 @@ from dataclasses import dataclass, field
 from functools import partial
 from itertools import pairwise
 from pathlib import Path
-from typing import Any, final
+from typing import Any, ClassVar, final
 
 import numba
 import numpy as np
@@ -744,6 +744,44 @@ def test_a_method_that_is_replaced_in_its_class_counts_in_new_instances() -> Non
     assert kind()([0.3])[0] == pytest.approx(3.2 * 0.21)
     kind.next_state = second().next_state
     assert kind()([0.3])[0] == pytest.approx(0.8 * math.sin(0.3))
+
+
+class Springy:
+    """Terms of a potential that a class attribute and a helper determine."""
+
+    extra: ClassVar[float] = 1.0
+
+    def more(self, x: Any) -> Any:
+        return x
+
+
+def test_members_of_a_class_that_energies_use_count_when_they_are_replaced() -> None:
+    class Own(Springy, ImpactChain):
+        def potential(self, x: Any) -> Any:
+            return super().potential(x) + self.extra * self.more(x[0]) ** 2
+
+    def stiffness() -> float:
+        return float(Own(masses=2, frequency=0.9).stiffness[0, 0])
+
+    assert stiffness() == 4.0
+    Own.extra = 2.0
+    assert stiffness() == 6.0
+    Own.more = lambda self, x: 2 * x  # type: ignore[method-assign]
+    assert stiffness() == 18.0
+
+
+def test_members_of_a_class_that_expressions_use_count_when_they_are_replaced() -> None:
+    class Own(Springy, SymbolicMap):
+        rate: float = 3.2
+
+        def next_state(self, x: Any) -> tuple[Any, ...]:
+            return (self.rate * self.extra * self.more(x),)
+
+    assert Own()([0.3]) == pytest.approx([0.96])
+    Own.extra = 2.0
+    assert Own()([0.3]) == pytest.approx([1.92])
+    Own.more = lambda self, x: x**2  # type: ignore[method-assign]
+    assert Own()([0.3]) == pytest.approx([0.576])
 
 
 def test_regimes_of_elements_are_part_of_the_identity() -> None:
