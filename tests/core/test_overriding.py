@@ -398,11 +398,6 @@ class Heavy(BouncingBall):
         return self.gravity * v[0] ** 2 / 2
 
 
-class Tuned(MatrixOscillator):
-    def potential(self, x: Any) -> Any:
-        return self.amplitude * x[0] ** 2 / 2
-
-
 class Rebound(Rotor):
     """A subclass of a subclass."""
 
@@ -410,7 +405,6 @@ class Rebound(Rotor):
         return super().dissipation(v) + self.restitution * v[0] ** 2 / 2
 
 
-MASS = {"M": [[1.0]], "C": [[0.0]], "K": [[1.0]]}
 USED = [
     (Rotor(masses=2, frequency=0.5), "frequency", 2.0, "stiffness", 2.0 + 8.0),
     (Loaded(frequency=0.5, force=1.0), "force", 2.0, "stiffness", 3.0),
