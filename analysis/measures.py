@@ -107,7 +107,8 @@ class Measures(Mapping[str, Any]):
     @cached_property
     def _slots(self) -> Mapping[str, _Slot]:
         for name, running in self.running.items():
-            if type(running).__name__ not in _Slot._fields:
+            kind = type(running)  # a class of the user may have the same name
+            if kind.__module__ != Running.__module__ or kind.__name__ not in _Slot._fields:
                 raise ValueError(f"store must be None for {name}, which is {running!r}")
         return {
             name: _Slot(**{type(running).__name__: running})  # type: ignore[arg-type]

@@ -27,6 +27,7 @@ from dynkit.analysis.pod_averages import Averages, averages_over, with_squares
 from dynkit.analysis.regimes import regime_change
 from dynkit.analysis.spectrum import Axis, PowerSpectrum, axis_of
 from dynkit.core.cost import Cost
+from dynkit.core.overriding import Extensible
 from dynkit.core.validation import (
     Array,
     finite_array,
@@ -46,7 +47,7 @@ _CHUNK = 1 << 18
 """Number of samples in time that are computed together."""
 
 
-class Running(ABC):
+class Running(Extensible, ABC):
     """A measure that accumulates over successive blocks of a motion, in bounded memory.
 
     A subclass must implement:
@@ -70,7 +71,8 @@ class Running(ABC):
     states: int = 0
     cost: Cost = Cost(0.0)
 
-    def __init_subclass__(cls) -> None:
+    def __init_subclass__(cls, **options: Any) -> None:
+        super().__init_subclass__(**options)
         # all annotated attributes are stored
         cls._stored = ("states", "cost", *inspect.get_annotations(cls))
 

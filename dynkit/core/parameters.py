@@ -8,13 +8,14 @@ from typing import Any, ClassVar, Self, cast, final, get_origin
 
 import numpy as np
 
+from dynkit.core.overriding import Extensible, code_of
 from dynkit.core.reprs import Shown
 from dynkit.core.validation import one_of
 
 _NUMBERS = (int, float, np.integer, np.floating)
 
 
-class Family(Shown):
+class Family(Extensible, Shown):
     """A family of systems with named numeric parameters, changed by `replace`.
 
     The fields in the body of a subclass, such as ``rate: float = 3.0``, are its arguments, as in a
@@ -40,7 +41,7 @@ class Family(Shown):
     @property
     def parameters(self) -> Mapping[str, float]:
         """The numeric parameters of this member of the family, by name."""
-        values = {name: getattr(self, name) for name in _field_names(self)}
+        values = {name: getattr(self, name) for name in arguments(self)}
         return {
             name: float(value)
             for name, value in values.items()
@@ -49,11 +50,16 @@ class Family(Shown):
 
     @property
     def identity(self) -> Mapping[str, object]:
-        """Everything that the motion depends on, by name; stores compare it."""
+        """Everything that the motion depends on, by name; stores compare it.
+
+        Of a class outside of this package, `code` is a digest of its methods.
+        """
         instance: Any = self  # is_dataclass would narrow the type
+        own = {"code": digest} if (digest := code_of(type(self))) else {}
         if not dataclasses.is_dataclass(instance):
-            return self.parameters
-        return {entry.name: getattr(instance, entry.name) for entry in dataclasses.fields(instance)}
+            return {**self.parameters, **own}
+        fields = dataclasses.fields(instance)
+        return {entry.name: getattr(instance, entry.name) for entry in fields} | own
 
     @final
     def value_of(self, name: str) -> float:
@@ -79,7 +85,7 @@ class Family(Shown):
             self.value_of(name)
         if not parameters:
             return self
-        if not _field_names(self):
+        if not arguments(self):
             raise TypeError(f"{type(self).__name__} has parameters but does not define `replace`")
         changed: Self = dataclasses.replace(cast("Any", self), **parameters)
         return changed
@@ -128,13 +134,14 @@ def _is_field(annotation: Any) -> bool:
     return ClassVar not in (annotation, get_origin(annotation))
 
 
-def _field_names(instance: object) -> tuple[str, ...]:
+def arguments(instance: object) -> tuple[str, ...]:
+    """Return the names of the arguments of a dataclass; none for another object."""
     kind: Any = type(instance)
-    return _field_names_of(kind)
+    return _arguments_of(kind)
 
 
 @lru_cache(maxsize=256)  # asked for at every step of a branch
-def _field_names_of(kind: type) -> tuple[str, ...]:
+def _arguments_of(kind: type) -> tuple[str, ...]:
     if not dataclasses.is_dataclass(kind):
         return ()
     return tuple(entry.name for entry in dataclasses.fields(kind) if entry.init)

@@ -3,7 +3,7 @@
 import math
 from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
-from typing import Any, final
+from typing import Any, ClassVar, final
 
 import numpy as np
 
@@ -28,6 +28,16 @@ class SmoothMap(Family, ABC):
     This is the first half of the contract of `dynkit.Map`: the part that periodic orbits,
     attractors and their labels use.
     """
+
+    _following: ClassVar[Mapping[str, tuple[str, ...]]] = {
+        "jacobian": ("__call__", "jacobian_factors"),
+        "jacobian_factors": ("__call__", "jacobian"),
+        "parameter_derivative": ("__call__",),
+        "iterate_into": ("__call__",),
+        **dict.fromkeys(
+            ("stretching", "_growth", "_followed"), ("__call__", "jacobian", "jacobian_factors")
+        ),
+    }
 
     @property
     @abstractmethod

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from dynkit.core.cost import Cost
+from dynkit.core.overriding import Extensible
 from dynkit.core.reprs import Facts, Tabled, system_repr
 from dynkit.core.smooth_map import SmoothMap
 from dynkit.core.validation import Array, one_of
@@ -21,7 +22,7 @@ class _Ending(Enum):
     COUNT_REACHED = "the number of states was reached"
 
 
-class Attractor(Tabled, ABC):
+class Attractor(Extensible, Tabled, ABC):
     """The states of a motion after its transient.
 
     A subclass must implement:

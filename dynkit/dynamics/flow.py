@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple, TypeAlias, final
 
@@ -163,8 +163,20 @@ class Flow(Family, ABC):
     `dynkit.testing.check_flow` and `check_poincare_map` test a subclass against this contract.
     """
 
+    _following: ClassVar[Mapping[str, tuple[str, ...]]] = {
+        "velocity_jacobian": ("velocity",),
+        "velocity_parameter_derivative": ("velocity",),
+        "derivative": ("advance",),
+        "parameter_derivative": ("advance",),
+    }
+
     integrals: ClassVar[tuple[str, ...]] = ()
     """Names of the methods that are first integrals."""
+
+    def __init_subclass__(cls, **options: Any) -> None:
+        own = "integral_gradient", "integral_parameter_derivative"
+        cls._following = {**cls._following, **dict.fromkeys(own, tuple(cls.integrals))}
+        super().__init_subclass__(**options)
 
     @property
     @abstractmethod

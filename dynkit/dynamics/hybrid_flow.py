@@ -7,7 +7,7 @@ from abc import abstractmethod
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import TYPE_CHECKING, Any, Self, final
+from typing import TYPE_CHECKING, Any, ClassVar, Self, final
 
 import numpy as np
 
@@ -43,6 +43,14 @@ class HybridFlow(Flow):
     `next_crossing` may use no more of a section than dimension, direction, value and gradient.
     `ResetMap` is the map from one jump to the next.
     """
+
+    _following: ClassVar[Mapping[str, tuple[str, ...]]] = {
+        **Flow._following,
+        "guard_gradient": ("guard",),
+        "guard_parameter_derivative": ("guard",),
+        "reset_jacobian": ("reset",),
+        "reset_parameter_derivative": ("reset",),
+    }
 
     if TYPE_CHECKING:
         guard: Any  # of a subclass that derives them from symbols, functions of these, too

@@ -72,8 +72,15 @@ class Map(SmoothMap):
     15. ``arrivals(starts, orbits, transient, near)``, when there is a faster simulation of many
         starts that ends at known periodic orbits.
 
+    A subclass of a map that overrides ``__call__`` inherits none of its `jacobian`,
+    `parameter_derivative` and other methods that belong to that call: they are computed by
+    differences, unless the subclass defines them, too. Where they hold for its own call, it says so
+    by ``jacobian = Base.jacobian``. Likewise the derivatives of a `Flow` belong to its velocity.
+
     Stores and executors also require that the fields (`identity`) are numbers, strings, arrays, or
-    tuples of them. The class must be importable from a file, and instances must be picklable.
+    tuples of them. The class must be importable from a file, and instances must be picklable. A
+    store is continued by the same methods of the class in the same version of Python, and refused
+    where one has changed; functions outside of the class are not compared.
 
     Instances are immutable. `dynkit.testing.check_map` tests a subclass against this contract.
 

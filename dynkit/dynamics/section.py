@@ -7,6 +7,7 @@ from typing import final
 
 import numpy as np
 
+from dynkit.core.overriding import Extensible
 from dynkit.core.validation import (
     Array,
     finite_array,
@@ -18,7 +19,7 @@ from dynkit.core.validation import (
 _TURN = 2.0 * np.pi
 
 
-class PoincareSection(ABC):
+class PoincareSection(Extensible, ABC):
     """A surface in the state space of a flow, crossed in one direction, with a chart.
 
     A subclass must implement:

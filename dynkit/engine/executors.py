@@ -8,9 +8,11 @@ from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import Executor, Future
 from dataclasses import dataclass
 from functools import lru_cache
+from io import BytesIO
 from queue import SimpleQueue
 from typing import Any, Generic, TypeVar, cast, final
 
+from dynkit.core.overriding import Extensible, code_of
 from dynkit.core.progress import late_bar
 
 _Task = TypeVar("_Task")
@@ -155,12 +157,35 @@ def pack(work: object) -> bytes:
     NotSendable
         When it cannot be pickled.
     """
+    packed = BytesIO()
     try:
-        return pickle.dumps(work)
+        _Pickler(packed).dump(work)
+        return packed.getvalue()
     except Exception as error:  # errors of pickle, and any that an object's methods raise
         raise NotSendable(
             f"system must be picklable to be sent to an executor; got one for which {error}"
         ) from error
+
+
+class _Pickler(pickle.Pickler):
+    """Sends the digest of a user's class with it: a worker may know an earlier definition."""
+
+    def reducer_override(self, sent: Any) -> Any:
+        code = code_of(sent) if isinstance(sent, type) and issubclass(sent, Extensible) else ""
+        if not code:
+            return NotImplemented
+        return _same_class, (pickle.dumps(sent), code)
+
+
+def _same_class(sent: bytes, code: str) -> Any:
+    """The class of a pickled name; TypeError where its methods differ from those of the sender."""
+    found = pickle.loads(sent)
+    if code_of(found) != code:
+        raise TypeError(
+            f"the worker knows another definition of {found.__qualname__}: start the executor "
+            "after the class is defined, or keep the class in a file"
+        )
+    return found
 
 
 def perform(packed: bytes, sent: bytes) -> Outcome[Any]:

@@ -11,6 +11,7 @@ from typing import Any, Self, final
 import numpy as np
 
 from dynkit.core.cost import Cost
+from dynkit.core.overriding import Extensible
 from dynkit.core.reprs import Tabled
 from dynkit.core.validation import Array, read_only
 from dynkit.orbits.spectrum import Spectrum
@@ -22,7 +23,7 @@ NOISE = 1e-13
 _ROUNDING = 2.0**-52
 
 
-class Problem(ABC):
+class Problem(Extensible, ABC):
     """Equations F(x, p) = 0 whose solutions can be continued.
 
     There are m equations and m unknowns x. The k free parameters are p: one changes along a branch,
@@ -180,7 +181,7 @@ class Problem(ABC):
         return None
 
 
-class ProblemSolution(Tabled, ABC):
+class ProblemSolution(Extensible, Tabled, ABC):
     """A solution of the equations of a `Problem`, from which a branch can start.
 
     A subclass must implement the abstract properties and methods. Instances are immutable.

@@ -6,7 +6,7 @@ import dataclasses
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from functools import partial
-from typing import TYPE_CHECKING, Any, Self
+from typing import TYPE_CHECKING, Any, Self, final
 
 import numpy as np
 
@@ -136,6 +136,7 @@ class IntegratedFlow(Flow):
     def _by_differences(self) -> bool:
         return self._velocity_by_differences
 
+    @final
     def advance(self, state: Array, duration: float) -> Array:
         """Return the state, (d,), a duration >= 0 after a state, (d,).
 
@@ -148,6 +149,7 @@ class IntegratedFlow(Flow):
         """
         return self._integrated(self._velocity, self._checked(state), duration, self.tolerance)
 
+    @final
     def advance_error(self, state: Array, duration: float) -> float:
         """Return an estimate of the error of `advance`, from two less accurate integrations.
 
@@ -174,6 +176,7 @@ class IntegratedFlow(Flow):
     def _disturbance(self, state: Array, sizes: Array) -> Array:  # noqa: ARG002
         return self.tolerance * (1.0 + abs(state))
 
+    @final
     def derivative(self, state: Array, duration: float) -> Array:
         """Return the derivative, (d, d), of the advanced state with respect to the state.
 

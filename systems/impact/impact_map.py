@@ -8,7 +8,7 @@ from abc import abstractmethod
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cache, cached_property
-from typing import TYPE_CHECKING, Any, Self
+from typing import TYPE_CHECKING, Any, Self, final
 
 import numpy as np
 
@@ -41,6 +41,7 @@ from dynkit.systems.impact.simulation.state import (
 from dynkit.systems.impact.simulation.trajectory import Trajectory
 from dynkit.systems.impact.variational.lost_directions import lost_directions
 from dynkit.systems.impact.variational.map_derivative import derivatives, tangent
+from dynkit.systems.structure.lagrangian import independent
 
 if TYPE_CHECKING:
     from dynkit.dynamics.attractor import Attractor
@@ -124,7 +125,7 @@ class ImpactMap(DrivenStructure, Map):
         """Take what follows from the same arguments from another oscillator, where it is known."""
         own, known = vars(self), vars(other)
         changed = {name for name, value in own.items() if value is not known.get(name)}
-        if changed <= self.structure_independent - {"elements"}:
+        if changed <= independent(type(self)) - {"elements"}:
             names = _OF_STRUCTURE if changed.intersection(OF_TABLE) else _OF_ALL
             own.update({name: known[name] for name in names if name in known})
 
@@ -139,7 +140,10 @@ class ImpactMap(DrivenStructure, Map):
             found["restitution"] = repr(self.restitution)
         smooth = {} if self._motion is None else {"energies": self._motion.text}
         smooth |= {self._elements[k].coordinate: f.text for k, f in self._curves.items()}
-        return found | of_law | smooth | {"elements": tuple(map(repr, self.elements))}
+        elements = {"elements": tuple(map(repr, self.elements))}
+        own = [e for e in self.elements if "__final__" not in vars(type(e))]
+        forces = tuple(repr((e.regimes, e.sign, e.phasor, e.drift, e.leans_on)) for e in own)
+        return found | of_law | smooth | elements | ({"regimes": forces} if forces else {})
 
     @property
     def _numbers(self) -> dict[str, float]:
@@ -238,13 +242,14 @@ class ImpactMap(DrivenStructure, Map):
 
     def _entered(self, given: ImpactState | None) -> ImpactState:
         if given is None:
-            return self._default_start
+            given = self.default_start
         if not isinstance(given, ImpactState):
             raise ValueError(
                 f"start must be an ImpactState; got {given!r}: state(position, velocity) makes one"
             )
         return entered(self, given)
 
+    @final
     def pack_state(self, state: ImpactState) -> Array:
         """Return the state as one array, from which `unpack_state` restores it bit for bit.
 
@@ -257,6 +262,7 @@ class ImpactMap(DrivenStructure, Map):
         """
         return packed(self._entered(state))
 
+    @final
     def unpack_state(self, packed: Array) -> ImpactState:
         """Return the state that `pack_state` turned into an array.
 
@@ -296,10 +302,12 @@ class ImpactMap(DrivenStructure, Map):
 
     # --- the map ----------------------------------------------------------------------------------
 
+    @final
     def section_state(self, state: ImpactState) -> Array:
         """Section coordinates, (2N,) and one for each slider, of a state on the table."""
         return section_of(self, state)
 
+    @final
     def impact_state(self, state: Array) -> ImpactState:
         """The state just after an impact that has the given section coordinates, (2N,).
 
@@ -311,9 +319,11 @@ class ImpactMap(DrivenStructure, Map):
         """
         return on_section(self, state)
 
+    @final
     def __call__(self, state: Array) -> Array:
         return self.section_state(self._once(state).final)
 
+    @final
     def return_time(self, state: Array) -> float:
         """Return the time from a state just after an impact, (d,), to the next."""
         return self._once(state).duration
@@ -349,6 +359,7 @@ class ImpactMap(DrivenStructure, Map):
         ends = [float(error[0]) if len(error) else np.inf for error in found]
         return np.maximum(least, np.array(ends) / self._margin)
 
+    @final
     def jacobian(self, state: Array) -> Array:
         (found,) = derivatives(self, self._run(self.impact_state(state), 1, store=True))
         return np.asarray(found)
@@ -356,6 +367,7 @@ class ImpactMap(DrivenStructure, Map):
     def _frame(self, state: Array) -> Array:
         return tangent(self, self.impact_state(state)) if self._framed else super()._frame(state)
 
+    @final
     def orbit_factors(self, state: Array, following: Array) -> tuple[Array, Array]:
         """Return the `jacobian_factors`, (1, d, d), and the error of their entries, (1,).
 
@@ -389,6 +401,7 @@ class ImpactMap(DrivenStructure, Map):
         found: list[tuple[Any, ...]] = list(zip(factors[:, None], off[:, None], lost, strict=True))
         return self.section_state(run.final), found, np.diff(run.time, prepend=0.0).tolist()
 
+    @final
     def stretching(
         self, state: Array | ImpactState, n: int, frame: Array | None = None
     ) -> Stretching:
@@ -401,6 +414,7 @@ class ImpactMap(DrivenStructure, Map):
         start = state if isinstance(state, ImpactState) else self.impact_state(state)
         return stretching(self, start, n, frame, self.accuracy)
 
+    @final
     def without_shift(self, states: Array) -> Array:
         if not self._progression.shift.size:
             return states
@@ -415,6 +429,7 @@ class ImpactMap(DrivenStructure, Map):
         """Of section coordinates at a state, (d,)."""
         return self._progressions[int(sheet_of(state[-1])) if self._several else 0]
 
+    @final
     def difference(self, a: Array, b: Array) -> Array:
         out = np.asarray(a, dtype=np.float64) - np.asarray(b, dtype=np.float64)
         if self._strobed:

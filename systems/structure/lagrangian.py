@@ -7,10 +7,11 @@ from collections import OrderedDict
 from collections.abc import Hashable
 from functools import cached_property
 from threading import RLock
-from typing import TYPE_CHECKING, ClassVar
+from typing import TYPE_CHECKING, Any, ClassVar, TypeVar, cast, final
 
 import numpy as np
 
+from dynkit.core.overriding import Extensible, members_of, used_of, watching
 from dynkit.core.parameters import cached_in, without_cached
 from dynkit.core.reprs import Facts, Shown
 from dynkit.core.validation import Array, positive_integer
@@ -31,7 +32,7 @@ _MOST = 64
 _MODES, _MASSES = 5, 100
 
 
-class LagrangianStructure(Shown, ABC):
+class LagrangianStructure(Extensible, Shown, ABC):
     """A linear structure M x'' + C x' + K x = f, given by its energies as SymPy expressions.
 
     A subclass must have:
@@ -45,8 +46,9 @@ class LagrangianStructure(Shown, ABC):
        dataclass is best.
 
     Equal structures share one derivation in each process. Two structures are equal when their
-    classes and their fields are equal (or their attributes, if they are no dataclasses); fields
-    that no energy uses are named in `structure_independent`. A structure with other fields than
+    classes and their fields are equal (or their attributes, if they are no dataclasses). Fields
+    that are named in `structure_independent` may differ, unless an energy of this class uses them.
+    A structure with other fields than
     numbers, strings, arrays and tuples of these does not share its derivation.
 
     For many bodies write long sums as ``sympy.Add(*terms)``: Python's ``sum`` takes quadratic time.
@@ -74,7 +76,8 @@ class LagrangianStructure(Shown, ABC):
     """
 
     structure_independent: ClassVar[frozenset[str]] = frozenset()
-    """Names of the fields that do not enter the energies."""
+    """Names of the fields that do not enter the energies, unless an energy of a subclass uses them.
+    """
 
     @property
     @abstractmethod
@@ -102,6 +105,7 @@ class LagrangianStructure(Shown, ABC):
         return Integer(0)
 
     @property
+    @final
     def mass(self) -> Array:
         """Mass matrix M, read-only, shape (N, N): second derivatives of the kinetic energy.
 
@@ -114,16 +118,19 @@ class LagrangianStructure(Shown, ABC):
         return self._derivation.mass.dense
 
     @property
+    @final
     def damping_matrix(self) -> Array:
         """Damping matrix C, read-only, shape (N, N): second derivatives of the dissipation."""
         return self._derivation.damping.dense
 
     @property
+    @final
     def stiffness(self) -> Array:
         """Stiffness matrix K, read-only, shape (N, N): second derivatives of the potential."""
         return self._derivation.stiffness.dense
 
     @property
+    @final
     def modes(self) -> Modes:
         """Normal modes, computed from the exact coefficients of the energies.
 
@@ -173,6 +180,8 @@ class LagrangianStructure(Shown, ABC):
         return without_cached(self)
 
 
+_Structure = TypeVar("_Structure", bound=LagrangianStructure)
+
 _lock = RLock()
 
 
@@ -206,11 +215,11 @@ def shared_derivation(structure: LagrangianStructure) -> Derivation:
     key = _key(structure)
     with _lock:
         if key is None:
-            return structure._derive()
+            return watched(structure)._derive()
         known = _derivations.known(key)
         if known is None:
-            known = structure._derive()
-            _derivations.keep(key, known)
+            known = watched(structure)._derive()
+            _derivations.keep(_key(structure), known)  # by now it is known which fields are used
         return known
 
 
@@ -220,17 +229,29 @@ def share_derivation(one: LagrangianStructure, other: LagrangianStructure) -> bo
     return key is not None and key == _key(other)
 
 
+def watched(structure: _Structure) -> _Structure:
+    """Return the same structure, of a class that notes what energies use."""
+    found: Any = object.__new__(watching(type(structure)))
+    vars(found).update(without_cached(structure))
+    return cast("_Structure", found)
+
+
+def independent(kind: type[LagrangianStructure]) -> frozenset[str]:
+    """Return the names of fields that no energy of a class has used so far."""
+    return kind.structure_independent - used_of(kind)
+
+
 def _key(structure: LagrangianStructure) -> Hashable | None:
     """A key that is equal for structures with the same energies; None where none can be made."""
     kind = type(structure)
     # A dataclass's fields are among its attributes.
-    used = sorted(vars(structure).keys() - kind.structure_independent - cached_in(kind))
+    used = sorted(vars(structure).keys() - independent(kind) - cached_in(kind))
     try:
         values = tuple((name, _frozen(getattr(structure, name))) for name in used)
     except TypeError:
         return None
     # The key holds the functions, since a method of a class can be replaced.
-    return kind, kind.kinetic, kind.potential, kind.dissipation, values
+    return kind, kind.kinetic, kind.potential, kind.dissipation, members_of(kind), values
 
 
 def _frozen(value: object) -> Hashable:

@@ -6,10 +6,11 @@ import dataclasses
 import inspect
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cache, cached_property
 from typing import TYPE_CHECKING, Any, TypeAlias, final
 
-from dynkit.core.parameters import Family
+from dynkit.core.overriding import watching
+from dynkit.core.parameters import Family, arguments, cached_in
 from dynkit.core.validation import finite_scalar
 
 if TYPE_CHECKING:
@@ -50,7 +51,8 @@ class Expressions:
         return tuple(derivatives(self.values, self.parameters))
 
 
-def coordinate_names(function: Callable[..., Any], others: Iterable[str] = ()) -> tuple[str, ...]:
+@cache
+def coordinate_names(function: Callable[..., Any], others: tuple[str, ...] = ()) -> tuple[str, ...]:
     """Return the names of a function's arguments but for self and others.
 
     Raises
@@ -87,14 +89,26 @@ def checked_parameters(family: Any) -> None:
 
 
 def structure_of(family: Family, parameters: Iterable[str]) -> Structure:
-    """Return the fields of a family, by name, that are none of its parameters."""
-    rest = set(family.identity) - set(parameters)
-    return tuple((name, family.identity[name]) for name in sorted(rest))
+    """Return the fields of a family, by name, that are none of its parameters.
+
+    Raises
+    ------
+    TypeError
+        When it has an attribute that is no argument: expressions of symbols do not have its value.
+    """
+    kind: Any = type(family)
+    known = arguments(family)
+    for name in sorted(vars(family).keys() - cached_in(kind) - {*known, "_kept"}):
+        raise TypeError(
+            f"{kind.__name__}.{name} must be an argument or a property, as expressions are made of "
+            f"symbols for the arguments; got an attribute of value {getattr(family, name)!r}"
+        )
+    return tuple((name, getattr(family, name)) for name in sorted(set(known) - set(parameters)))
 
 
 def expressions_of(
     kind: type,
-    method: str,
+    function: Callable[..., Any],
     parameters: tuple[str, ...],
     structure: Structure,
     scalar: bool = False,
@@ -112,14 +126,13 @@ def expressions_of(
     """
     from sympy import Symbol
 
-    function: Callable[..., Any] = getattr(kind, method)
     called = function.__qualname__
     coordinates = tuple(Symbol(name, real=True) for name in coordinate_names(function))
     taken = {symbol.name for symbol in coordinates} & set(parameters)
     if taken:
         raise TypeError(f"{called} must not name a coordinate as a field; got {min(taken)}")
     symbols = tuple(Symbol(name, real=True) for name in parameters)
-    subject: Any = object.__new__(kind)
+    subject: Any = object.__new__(watching(kind))
     for name, value in (*structure, *zip(parameters, symbols, strict=True)):
         object.__setattr__(subject, name, value)
     try:

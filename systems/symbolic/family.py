@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from functools import cache, cached_property
+from collections.abc import Callable, Sequence
+from functools import cached_property
 from typing import TYPE_CHECKING, Any, final
 
 import numpy as np
 
+from dynkit.core.overriding import members_of
 from dynkit.core.parameters import Family, without_cached
 from dynkit.core.validation import Array, finite_array
 from dynkit.systems.symbolic.derivation import (
@@ -32,7 +33,7 @@ class CodedFamily(Family):
 
     @cached_property
     def _numbers(self) -> Array:
-        return np.array(list(self.parameters.values()), dtype=np.float64)
+        return np.array([getattr(self, name) for name in self.parameters], dtype=np.float64)
 
     def _filled(self, code: Code, state: Array, shape: tuple[int, ...]) -> Array:
         """What code gives at a state, (d,), which is checked."""
@@ -72,14 +73,14 @@ class Program:
     def __init__(
         self,
         kind: type,
-        method: str,
+        function: Callable[..., Any],
         parameters: tuple[str, ...],
         structure: Structure,
         scalar: bool = False,
         angles: tuple[int, ...] = (),
     ) -> None:
-        self.name = f"{kind.__name__}.{method}"
-        found = expressions_of(kind, method, parameters, structure, scalar)
+        self.name = f"{kind.__name__}.{function.__name__}"
+        found = expressions_of(kind, function, parameters, structure, scalar)
         self.expressions = found.modulo_turns(angles) if angles else found
 
     def _compiled(self, values: Sequence[Any]) -> Code:
@@ -104,7 +105,7 @@ class Program:
         return self._compiled(self.expressions.by_parameters)
 
 
-_programs = cache(Program)
+_programs: dict[tuple[Any, ...], Program] = {}
 
 
 def program_of(
@@ -113,4 +114,10 @@ def program_of(
     """Return the program of a system's class, which all values of its parameters share."""
     kind: Any = type(system)
     names = tuple(system.parameters)
-    return _programs(kind, method, names, structure_of(system, names), scalar, angles)
+    # the key holds functions and attributes, since those of a class can be replaced
+    given = kind, getattr(kind, method), names, structure_of(system, names), scalar, angles
+    found = _programs.get((given, members_of(kind)))
+    if found is None:
+        found = Program(*given)
+        _programs[given, members_of(kind)] = found  # by now it is known which are used
+    return found

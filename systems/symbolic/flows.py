@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import inspect
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from functools import cache, cached_property, partial, wraps
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, final
 
 import numpy as np
 
@@ -102,29 +102,30 @@ class SymbolicFlow(CodedFamily, Flow):
 
     def __init_subclass__(cls, **options: Any) -> None:
         super().__init_subclass__(**options)
-        own = vars(cls)
-        if "velocity" in own:
-            cls.velocity = _of_states_too(own["velocity"])
+        if _of_symbols(cls.velocity):
+            cls.velocity = _of_states_too(cls.velocity)
         if not isinstance(cls.integrals, tuple):
             raise TypeError(f"integrals must be a tuple of names of methods; got {cls.integrals!r}")
-        for name in cls.integrals:
-            if name in own:
-                setattr(cls, name, of_states_too(own[name], scalar=True))
+        take_states(cls, cls.integrals, scalar=True)
 
     @property
     def accuracy(self) -> float:
         """How wrong a crossing may be, relative to a state of order one: some hundred roundings."""
         return 128.0 * _ROUNDING
 
+    @final
     def velocity_jacobian(self, state: Array) -> Array:
         return self._tangent(self._program, state)
 
+    @final
     def velocity_parameter_derivative(self, state: Array, name: str) -> Array:
         return self._by_parameter(self._program, state, name)
 
+    @final
     def integral_gradient(self, name: str, state: Array) -> Array:
         return self._scalar_gradient(one_of("integral", name, self.integrals), state)
 
+    @final
     def integral_parameter_derivative(self, name: str, state: Array, parameter: str) -> float:
         program = self._method(one_of("integral", name, self.integrals), scalar=True)
         return float(self._by_parameter(program, state, parameter)[0])
@@ -146,6 +147,7 @@ class SymbolicFlow(CodedFamily, Flow):
             )
         return program
 
+    @final
     def advance(self, state: Array, duration: float) -> Array:
         """Return the state, (d,), a duration >= 0 after a state, (d,).
 
@@ -161,6 +163,7 @@ class SymbolicFlow(CodedFamily, Flow):
         length = non_negative("duration", duration)
         return self._taylor.advance(self._numbers, self._checked(state), length)
 
+    @final
     def advance_error(self, state: Array, duration: float) -> float:
         """Return an estimate of how wrong `advance` is, from three disturbed motions.
 
@@ -187,6 +190,7 @@ class SymbolicFlow(CodedFamily, Flow):
     def _disturbance(self, state: Array, sizes: Array) -> Array:  # noqa: ARG002
         return _ROUNDINGS * _ROUNDING * sizes
 
+    @final
     def derivative(self, state: Array, duration: float) -> Array:
         """Return the derivative, (d, d), of the advanced state with respect to the state.
 
@@ -198,6 +202,7 @@ class SymbolicFlow(CodedFamily, Flow):
         length = non_negative("duration", duration)
         return self._taylor.transition(self._numbers, self._checked(state), length)[1]
 
+    @final
     def parameter_derivative(self, state: Array, duration: float, name: str) -> Array:
         """Return the derivative, (d,), of the advanced state with respect to a parameter.
 
@@ -279,7 +284,7 @@ class SymbolicFlow(CodedFamily, Flow):
 
     @property
     def _coordinates(self) -> tuple[str, ...]:
-        return _names(type(self))
+        return coordinate_names(type(self).velocity)
 
     @cached_property
     def _program(self) -> Program:
@@ -288,6 +293,23 @@ class SymbolicFlow(CodedFamily, Flow):
     @cached_property
     def _taylor(self) -> Taylor:
         return _taylor_of(self._program)
+
+
+def _of_symbols(function: Any) -> bool:
+    """Whether a method is not abstract and takes no states yet."""
+    made = hasattr(function, "_takes_states") or getattr(function, "__isabstractmethod__", False)
+    return function is not None and not made
+
+
+def take_states(cls: type, names: Iterable[str], scalar: bool) -> None:
+    """Make methods of a class, also those of its bases, take one state, (d,), of numbers as well.
+
+    A scalar method returns one expression, and of a state one number.
+    """
+    for name in names:
+        function: Any = getattr(cls, name, None)
+        if _of_symbols(function):
+            setattr(cls, name, _method_of_states_too(function, scalar))
 
 
 def _of_states_too(function: Callable[..., Any]) -> Callable[..., Any]:
@@ -304,14 +326,12 @@ def _of_states_too(function: Callable[..., Any]) -> Callable[..., Any]:
             return (*found, 1) if timed and len(found) == len(arguments) - 1 else found
         return self._filled(self._program.step, arguments[0], (self.dimension,))
 
+    velocity._takes_states = True  # type: ignore[attr-defined]
     return velocity
 
 
-def of_states_too(function: Callable[..., Any], scalar: bool) -> Callable[..., Any]:
-    """Return a method of symbols, besides the velocity, that takes one state, (d,), as well.
-
-    A scalar method returns one expression, and of a state one number.
-    """
+def _method_of_states_too(function: Callable[..., Any], scalar: bool) -> Callable[..., Any]:
+    """A method of symbols, besides the velocity, that takes a state as well."""
 
     @wraps(function)
     def method(self: SymbolicFlow, *arguments: Any) -> Any:
@@ -323,12 +343,8 @@ def of_states_too(function: Callable[..., Any], scalar: bool) -> Callable[..., A
         found = self._filled(code, arguments[0], (1 if scalar else self.dimension,))
         return float(found[0]) if scalar else found
 
+    method._takes_states = True  # type: ignore[attr-defined]
     return method
-
-
-@cache
-def _names(kind: type[SymbolicFlow]) -> tuple[str, ...]:
-    return coordinate_names(kind.velocity)
 
 
 @cache

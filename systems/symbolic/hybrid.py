@@ -6,7 +6,7 @@ from typing import Any
 
 from dynkit.core.validation import Array
 from dynkit.dynamics.hybrid_flow import HybridFlow
-from dynkit.systems.symbolic.flows import SymbolicFlow, of_states_too
+from dynkit.systems.symbolic.flows import SymbolicFlow, take_states
 
 
 class SymbolicHybridFlow(SymbolicFlow, HybridFlow):
@@ -59,12 +59,9 @@ class SymbolicHybridFlow(SymbolicFlow, HybridFlow):
 
     def __init_subclass__(cls, **options: Any) -> None:
         super().__init_subclass__(**options)
-        own = vars(cls)
-        for name in ("guard", "armed"):
-            if name in own:
-                setattr(cls, name, of_states_too(own[name], scalar=True))
-        if "reset" in own:
-            cls.reset = of_states_too(own["reset"], scalar=False)
+        scalars = ["guard"] + ["armed"] * (cls.armed is not HybridFlow.armed)
+        take_states(cls, scalars, scalar=True)
+        take_states(cls, ["reset"], scalar=False)
 
     def guard_gradient(self, state: Array) -> Array:
         return self._scalar_gradient("guard", state)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from abc import abstractmethod
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from functools import cache, cached_property
 from typing import TYPE_CHECKING, Any, ClassVar
 
@@ -62,6 +62,10 @@ class CompiledMap(CodedFamily, Map):
            [0.5625]])
     """
 
+    _following: ClassVar[Mapping[str, tuple[str, ...]]] = {
+        name: (*originals, "next_state") for name, originals in Map._following.items()
+    }
+
     angles: ClassVar[Sequence[str]] = ()
 
     if TYPE_CHECKING:
@@ -78,12 +82,9 @@ class CompiledMap(CodedFamily, Map):
     def iterate_into(self, states: Array) -> None:
         from dynkit.systems.symbolic import kernels
 
-        if type(self).__call__ is not CompiledMap.__call__:  # a subclass has its own
-            return super().iterate_into(states)
         stop = kernels.iterate(self._step.address, self._numbers, states)
         if stop:
             refuse_infinite(states[stop], stop)
-        return None
 
     def difference(self, a: Array, b: Array) -> Array:
         """Return a - b with the `angles` wrapped; (..., d) arrays."""
@@ -105,11 +106,13 @@ class CompiledMap(CodedFamily, Map):
 
     @property
     def _coordinates(self) -> tuple[str, ...]:
-        return _names_of_static(type(self), tuple(self.parameters))
+        kind = type(self)
+        return _names_of_static(kind.__name__, kind.next_state, tuple(self.parameters))
 
     @cached_property
     def _step(self) -> Code:
-        return _static_step(type(self), tuple(self.parameters), self._angle_places)
+        kind, given = type(self), (tuple(self.parameters), self._angle_places)
+        return _static_step(kind.__name__, kind.next_state, *given)
 
 
 class SymbolicMap(CompiledMap):
@@ -164,8 +167,6 @@ class SymbolicMap(CompiledMap):
         return self._by_parameter(self._program, state, name)
 
     def stretching(self, state: Array, n: int, frame: Array | None = None) -> Stretching:
-        if not self._is_code:
-            return super().stretching(state, n, frame)
         count, d = non_negative_integer("n", n), self.dimension
         here = np.array(finite_array("state", state, (d,)))
         directions = np.eye(d) if frame is None else frame.copy()
@@ -173,18 +174,9 @@ class SymbolicMap(CompiledMap):
         return Stretching(logs, errors, None, here, directions)
 
     def _growth(self, state: Array, n: int) -> Array:
-        if not self._is_code:
-            return super()._growth(state, n)
         frame = generic_direction(self.dimension)[:, None].copy()
         logs = self._carried(state.copy(), frame, n, 0.0)[0][:, 0]
         return logs if np.isfinite(logs).all() else np.full(n, -np.inf)
-
-    @property
-    def _is_code(self) -> bool:
-        """Whether no subclass has its own steps or derivatives."""
-        kind = type(self)
-        own = kind.__call__, kind.jacobian, kind.jacobian_factors
-        return own == (CompiledMap.__call__, SymbolicMap.jacobian, Map.jacobian_factors)
 
     def _carried(self, state: Array, frame: Array, n: int, accuracy: float) -> tuple[Array, Array]:
         """Carry a state and a frame (d, k), modified in place: logarithms (n, k), and errors."""
@@ -200,7 +192,7 @@ class SymbolicMap(CompiledMap):
 
     @property
     def _coordinates(self) -> tuple[str, ...]:
-        return _names_of_method(type(self))
+        return coordinate_names(type(self).next_state)
 
     @cached_property
     def _step(self) -> Code:
@@ -212,27 +204,20 @@ class SymbolicMap(CompiledMap):
 
 
 @cache
-def _names_of_method(kind: type[SymbolicMap]) -> tuple[str, ...]:
-    return coordinate_names(kind.next_state)
-
-
-@cache
-def _names_of_static(kind: type[CompiledMap], parameters: tuple[str, ...]) -> tuple[str, ...]:
+def _names_of_static(kind: str, function: Any, parameters: tuple[str, ...]) -> tuple[str, ...]:
     from numba.extending import is_jitted
 
     from dynkit.systems.symbolic.call_kernels import INTERPRETED
 
-    function = kind.next_state
     if not (is_jitted(function) or INTERPRETED):
         raise TypeError(
-            f"{kind.__name__}.next_state must be a static method that numba.njit compiles; got "
-            f"{function!r}"
+            f"{kind}.next_state must be a static method that numba.njit compiles; got {function!r}"
         )
     function = getattr(function, "py_func", function)
     found = coordinate_names(function)
     if parameters != found[len(found) - len(parameters) :]:
         raise TypeError(
-            f"{kind.__name__}.next_state must take coordinates, then {', '.join(parameters)}; got "
+            f"{kind}.next_state must take coordinates, then {', '.join(parameters)}; got "
             f"{', '.join(found)}"
         )
     return coordinate_names(function, parameters)
@@ -240,9 +225,9 @@ def _names_of_static(kind: type[CompiledMap], parameters: tuple[str, ...]) -> tu
 
 @cache
 def _static_step(
-    kind: type[CompiledMap], parameters: tuple[str, ...], angles: tuple[int, ...]
+    kind: str, function: Any, parameters: tuple[str, ...], angles: tuple[int, ...]
 ) -> Code:
     from dynkit.systems.symbolic.machine_code import wrapped
 
-    count = len(_names_of_static(kind, parameters))
-    return wrapped(f"{kind.__name__}.next_state", kind.next_state, count, len(parameters), angles)
+    count = len(_names_of_static(kind, function, parameters))
+    return wrapped(f"{kind}.next_state", function, count, len(parameters), angles)

@@ -145,6 +145,19 @@ def test_a_measure_of_ones_own_serves_without_a_store(tmp_path: Path) -> None:
         measure(stream, {"largest": Largest()}, store=tmp_path / "x.h5", progress=False)
 
 
+def test_a_measure_of_ones_own_is_not_stored_as_one_of_the_same_name(tmp_path: Path) -> None:
+    class RunningPOD(Running):
+        def accumulate(self, block: Any) -> None:
+            pass
+
+        def result(self) -> None:
+            return None
+
+    stream = Logistic(rate=4.0).stream(start=[0.3], keep=100)
+    with pytest.raises(ValueError, match="store must be None for pod"):
+        measure(stream, {"pod": RunningPOD()}, store=tmp_path / "x.h5", progress=False)
+
+
 @pytest.mark.parametrize("block", [1, 7, 100])
 def test_a_motion_that_repeats_itself_is_noticed(block: int) -> None:
     """P(3) of the logistic map at 3.83."""

@@ -42,6 +42,8 @@ class CarelessFlow(DampedRotation):
 
 
 class SlowStart(DampedRotation):
+    derivative = DampedRotation.derivative
+
     def advance(self, state: Array, duration: float) -> Array:
         return super().advance(state, duration**2 / (1.0 + duration))
 

@@ -11,6 +11,7 @@ from typing import Any, ClassVar, final
 
 import numpy as np
 
+from dynkit.core.overriding import Extensible
 from dynkit.core.validation import (
     Array,
     check_fields,
@@ -139,7 +140,7 @@ class EventKind(IntEnum):
 
 
 @dataclass(frozen=True)
-class Element(ABC):
+class Element(Extensible, ABC):
     """Base of all elements: forces or constraints along one row J of a structure's coordinates.
 
     The element may move. Its gap is y - offset - amplitude sin(phase of the oscillator - phase),
@@ -214,8 +215,8 @@ class Element(ABC):
         """Constant velocity, added to the harmonic motion."""
         return 0.0
 
-    @final
     @property
+    @final
     def moves(self) -> bool:
         """Whether it moves, by its harmonic motion or its drift."""
         return bool(self.phasor or self.drift)
@@ -241,26 +242,26 @@ class Element(ABC):
     def regimes(self) -> tuple[Regime, ...]:
         """The regimes of the element; free flight is in the first one."""
 
-    @final
     @property
+    @final
     def slider(self) -> bool:
         """Whether it has a slider, whose position is part of the state."""
         return self.spring > 0.0
 
-    @final
     @property
+    @final
     def spring(self) -> float:
         """Stiffness of the spring to its slider; 0 where it has none."""
         return max(regime.stiffness if regime.anchored else 0.0 for regime in self.regimes)
 
-    @final
     @property
+    @final
     def reach(self) -> float:
         """Stretch of the spring while the slider slides."""
         return max(abs(regime.stretch) for regime in self.regimes)
 
-    @final
     @property
+    @final
     def doing(self) -> list[str]:
         """One word for each regime: contacts, rests, sticks, presses, or an empty text."""
         first, apart = self.regimes[0], not any(regime.sticks for regime in self.regimes)
@@ -276,8 +277,8 @@ class Element(ABC):
             for regime in self.regimes
         ]
 
-    @final
     @property
+    @final
     def curved(self) -> bool:
         """Whether y is a function of the coordinates; then the row depends on them."""
         return isinstance(self.coordinate, str)

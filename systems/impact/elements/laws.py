@@ -8,10 +8,11 @@ from bisect import bisect_right
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
-from typing import TYPE_CHECKING, Any, TypeAlias, final
+from typing import TYPE_CHECKING, Any, ClassVar, TypeAlias, final
 
 import numpy as np
 
+from dynkit.core.overriding import Extensible
 from dynkit.core.validation import Array, check_fields, finite_scalar, in_interval, non_negative
 
 if TYPE_CHECKING:
@@ -25,7 +26,7 @@ _SLOW, _ELASTIC = 1e-300, 1e-6
 
 
 @dataclass(frozen=True)
-class ImpactLaw(ABC):
+class ImpactLaw(Extensible, ABC):
     """Restitution r(u) that depends on the velocity u > 0 with which a stop is approached.
 
     A subclass is a frozen dataclass whose fields are numbers. It must implement `expression` only;
@@ -59,6 +60,8 @@ class ImpactLaw(ABC):
     P(1,3)
     """
 
+    _following: ClassVar[Mapping[str, tuple[str, ...]]] = {"tail": ("expression",)}
+
     def __post_init__(self) -> None:
         check_fields(self, **dict.fromkeys(self.numbers, finite_scalar))
 
@@ -85,8 +88,8 @@ class ImpactLaw(ABC):
             return slowest, 0.0, 0.0, 0.0, 0.0
         return tail_of(self._given, self._velocity)
 
-    @final
     @property
+    @final
     def numbers(self) -> Mapping[str, float]:
         """Its parameters."""
         return {entry.name: getattr(self, entry.name) for entry in dataclasses.fields(self)}

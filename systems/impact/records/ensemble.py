@@ -46,7 +46,11 @@ class Ensemble:
     @staticmethod
     def serves(system: ImpactMap) -> bool:
         """Whether positions, velocities and phase determine flights, and slots hold them all."""
-        own = system._motion is None and not system._strobed and not system._sliders
+        kind = type(system)
+        # states of this package differ in defaults alone; those of others are made one by one
+        usual = kind.state.__module__.startswith("dynkit.")
+        usual = usual and kind.state_from.__module__.startswith("dynkit.")
+        own = usual and system._motion is None and not system._strobed and not system._sliders
         rests = any(regime.holds for element in system._soft for regime in element.regimes)
         return own and not rests and system._free.layout.table >= 0
 

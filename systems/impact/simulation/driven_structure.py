@@ -46,7 +46,11 @@ from dynkit.systems.structure.equations import (
     small_oscillations,
 )
 from dynkit.systems.structure.functions import CoordinateFunction, function_of
-from dynkit.systems.structure.lagrangian import LagrangianStructure, shared_derivation
+from dynkit.systems.structure.lagrangian import (
+    LagrangianStructure,
+    shared_derivation,
+    watched,
+)
 from dynkit.systems.structure.modes import Derivation
 
 _OF_STOP = "restitution", "amplitude", "offset", "side"
@@ -179,7 +183,7 @@ class DrivenStructure(LagrangianStructure):
     def _derivation(self) -> Derivation:
         # elements are no part of what equal structures share
         if self._curves:
-            return derivation_of(self, self.degrees_of_freedom)
+            return derivation_of(watched(self), self.degrees_of_freedom)
         return shared_derivation(self)
 
     @cached_property
@@ -187,7 +191,7 @@ class DrivenStructure(LagrangianStructure):
         """The functions of coordinates along which elements act, by their numbers."""
         n = self.degrees_of_freedom
         named = ((k, e.coordinate) for k, e in enumerate(self._elements) if e.curved)
-        return {k: function_of(self, name, n) for k, name in named}
+        return {k: function_of(watched(self), name, n) for k, name in named}
 
     @cached_property
     def _functions(self) -> tuple[CoordinateFunction | Along, ...]:
