@@ -14,6 +14,7 @@ import numpy as np
 from dynkit.analysis.dimension.coordinates import angles_of, correlation_time, extents_of
 from dynkit.analysis.dimension.counting import BLOCKS
 from dynkit.analysis.dimension.drawing import draw_slopes, draw_sums
+from dynkit.analysis.dimension.errors import error_by_lags
 from dynkit.analysis.dimension.scaling import (
     Estimate,
     LocalSlopes,
@@ -32,6 +33,7 @@ from dynkit.analysis.dimension.sums import (
     checked_states,
     checked_theiler,
     correlation_sums,
+    wrapped,
 )
 from dynkit.analysis.motions import source_of
 from dynkit.analysis.regimes import RegimeChange, regime_change
@@ -65,6 +67,10 @@ class CorrelationDimension(Saved):
     the limit of small radii as far as the drift shows it. A weak drift also increases `error`, and
     so does a drift that slopes over few octaves cannot exclude. Data rounded to a grid are searched
     only above 8 steps of the grid.
+
+    In quasi-periodic motion all pairs of states of one lag have similar distances, and `error` is
+    that of independent lags: more than the actual one. Surfaces of two dimensions need 10,000
+    states or more. The label of the attractor tells whether its states are on curves.
 
     Parameters
     ----------
@@ -114,7 +120,7 @@ class CorrelationDimension(Saved):
 
     _stored: ClassVar = (
         *("norm", "least_ratio", "states", "turns", "window", "diameter", "_found", "change"),
-        *("_apart", "takens"),
+        *("_by_lags", "_apart", "takens"),
     )
     source: Attractor | Array
     norm: Norm = "maximum"
@@ -247,12 +253,29 @@ class CorrelationDimension(Saved):
         One standard error covers about 68 %, and two about 95 %; it is not a bound. It has two
         parts. One is the statistical error of the slope, from a bootstrap over blocks of time; this
         accounts for the pairs shared by neighbouring radii and successive states. The other is the
-        additional scatter of the slopes of the region's quarters. Where the local slopes drift with
-        the radius, it includes the distance to the limit of small radii: see
-        `dynkit.analysis.dimension.drift.drift_of`. Where the motion changes its regime it also
+        additional scatter of the slopes of the region's quarters. The error is at least that of
+        independent lags in time: see `dynkit.analysis.dimension.errors.error_by_lags`. Where the
+        local slopes drift with the radius, it includes the distance to the limit of small radii:
+        see `dynkit.analysis.dimension.drift.drift_of`. Where the motion changes its regime it also
         covers the dimension of the last regime.
         """
-        return inf if self.region is None else self.region.error + self._apart
+        if self.region is None:
+            return inf
+        return max(self.region.error, self._by_lags) + self._apart
+
+    @cached_property
+    def _by_lags(self) -> float:
+        """One standard error of the dimension, where lags in time are independent."""
+        if self.region is None or self.outcome is Outcome.FINITE:
+            return 0.0
+        sums = self.sums
+        inside = (sums.radii >= self.region.low) & (sums.radii <= self.region.high)
+        radii, pairs = sums.radii[inside], sums.pairs[inside]
+        logs = np.log(radii) - np.log(radii).mean()
+        lags = np.arange(self.window + 1, len(self.states))
+        states = wrapped(self.states, self.turns)
+        euclidean = self.norm == "euclidean"
+        return error_by_lags(pairs, logs / (logs @ logs), radii, *states, lags, euclidean=euclidean)
 
     @cached_property
     def change(self) -> RegimeChange | None:

@@ -23,6 +23,7 @@ from dynkit.analysis.dimension.counting import Counts
 from dynkit.core.validation import Array
 
 _FEWEST = 16
+_LAGS = 500
 
 
 def standard_errors(pairs: Counts, shares: Counts, weights: Array) -> Array:
@@ -63,6 +64,41 @@ def counting_errors(pairs: Counts, weights: Array) -> Array:
     # a pair counts at its distance and at all larger radii
     reach = np.cumsum((weights / pairs)[:, ::-1], axis=1)[:, ::-1]
     return np.asarray(np.sqrt(reach**2 @ np.append(pairs[:1], pairs[1:] - pairs[:-1])))
+
+
+def error_by_lags(
+    pairs: Counts,
+    weights: Array,
+    radii: Array,
+    points: Array,
+    turns: Array,
+    lags: Counts,
+    *,
+    euclidean: bool,
+) -> float:
+    """Return the standard error of ``weights @ log(pairs)`` where lags in time are independent.
+
+    In quasi-periodic motion all pairs of one lag have similar distances: there are as many
+    independent counts as lags, and blocks of time, which contain all lags, hardly differ.
+
+    Parameters
+    ----------
+    pairs, weights, radii : (k,) arrays
+    points, turns : (n, d) and (d,) arrays
+        As for `dynkit.analysis.dimension.counting.count`.
+    lags : (m,) array of int
+        All lags that count. Of more than 500, a random choice represents them.
+    euclidean : bool
+    """
+    chosen = np.random.default_rng(0).permutation(lags)[:_LAGS]
+    total = 0.0
+    for lag in chosen.tolist():
+        gaps = abs(points[lag:] - points[:-lag])
+        gaps = np.where(turns > 0.0, np.minimum(gaps, turns - gaps), gaps)
+        sizes = np.linalg.norm(gaps, axis=1) if euclidean else gaps.max(axis=1)
+        sizes = np.sort(sizes[sizes <= radii[-1]])
+        total += float(np.searchsorted(sizes, radii, side="right") / pairs @ weights) ** 2
+    return float(np.sqrt(total * len(lags) / len(chosen)))
 
 
 def _variances(groups: Array) -> Array:

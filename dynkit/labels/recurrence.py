@@ -24,6 +24,10 @@ _SPLIT, _ROUNDING = 1e-10, 1e-13
 _FIT = 6
 # Least number of recurrences of a decay that is extrapolated, and its least fall: a factor 3.
 _DECAY_RECURRENCES, _DECAY_DEPTH = 10, np.log(3.0)
+# Least fall of the logarithm of a decay that may settle: a slower one needs 46 more windows for a
+# factor 100. On curves near a resonance, distances may decrease geometrically for a while. They
+# fall less, or the orbit that they lead to is more than 1 / _FALL times the extent away.
+_FALL = 0.1
 # A decay that settles ends at most this many times as far away as the orbit that it approaches: at
 # least ten distances, from 1e4 down to the rounding, fall by a factor of exp(5.9) at most, by the
 # largest slope of a straight line through numbers in that interval.
@@ -124,7 +128,7 @@ class Recurrences:
         rest = self.rest(n)
         for divisor in proper_divisors(n):
             clear = _CLOSE if rest == np.inf else 3.0 * rest
-            if self.steps(divisor)[-1] <= clear or self._decay(divisor).settles:
+            if self.steps(divisor)[-1] <= clear or self._decay(divisor).falls(_DECAY_DEPTH):
                 return None
         return n
 
@@ -156,8 +160,9 @@ class Recurrences:
 
     @property
     def decays(self) -> bool:
-        """Whether the best recurrence of the last state decreases geometrically."""
-        return self._best > 0 and self._decay(self._best).geometric
+        """Whether the best recurrence of the last state decreases towards a periodic orbit."""
+        decay = self._decay(self._best) if self._best else _Decay(0)
+        return decay.falls(_FALL) and _FALL * decay.rest <= self.from_last.max()
 
     def settling(self, near: float) -> int | None:
         """Return the period of the orbit, near in this distance, that the motion settles on."""
@@ -167,7 +172,7 @@ class Recurrences:
         for n in [*proper_divisors(best), best]:
             decay = self._decay(n)
             # the smallest period that settles is the period: its multiples seem to settle faster
-            if decay.settles:
+            if decay.falls(_DECAY_DEPTH):
                 certain = decay.count >= _DECAY_RECURRENCES and decay.rest <= near
                 apart = all(self.steps(k)[-1] > 3.0 * decay.rest for k in proper_divisors(n))
                 return n if certain and apart else None
@@ -213,9 +218,9 @@ class _Decay:
         bend = abs(early - late) - 3.0 * float(np.hypot(early_error, late_error))
         return bend <= 0.2 * self.rate
 
-    @property
-    def settles(self) -> bool:
-        return self.geometric and self.rate * (self.count - 1) >= _DECAY_DEPTH
+    def falls(self, least: float) -> bool:
+        """Whether the decay is geometric, and the logarithm falls by this much or more."""
+        return self.rate * (self.count - 1) >= least and self.geometric
 
     @property
     def leaves(self) -> bool:

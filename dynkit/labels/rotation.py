@@ -17,6 +17,9 @@ _NEIGHBOURS = (-3, -2, -1, 1, 2, 3)
 # All states must be predicted better than half of the states by this factor (a smooth curve gives
 # 64), or to this fraction of the tolerance. Widest gap of half of the states, in turns.
 _GAIN, _FLOOR, _WIDEST = 4.0, 1e-3, 1.0 / 16.0
+# Where states pass slowly by a periodic orbit, or settle on it, they are on short arcs. The gaps
+# between them, at most one of so many, may cover half of the circle: another orbit may be there.
+_ARC = 64
 # Gauss-Newton steps, and their differences relative to the possible interval.
 _STEPS, _DIFFERENCE = 6, 1e-4
 # Safety factor of the error: halves may agree by chance, and errors of neighbours are correlated.
@@ -59,11 +62,12 @@ def rotation_of(orbit: Recurrences, tolerance: float, accuracy: float) -> Rotati
     neighbours on the circle must be neighbours on a smooth curve: each state is predicted by the
     polynomial in the angle through six neighbours, and w minimises the errors of the predictions.
 
-    The result is certain under three conditions: the angles of half of the states leave no gap
-    wider than 1/16 turn; every state is within the tolerance of its prediction; and predictions
-    from all states are better than those from one half of the states by a factor 4, or good to a
-    thousandth of the tolerance. They exclude chaos, tori of more dimensions, spirals and Cantor
-    sets.
+    The result is certain under four conditions: the angles of half of the states leave no gap
+    wider than 1/16 turn; the widest of all gaps, one of 64, cover no more than half of the circle;
+    every state is within the tolerance of its prediction; and predictions from all states are
+    better than those from one half of the states by a factor 4, or good to a thousandth of the
+    tolerance. They exclude chaos, tori of more dimensions, spirals, Cantor sets, and slow drifts
+    near a periodic orbit.
 
     Parameters
     ----------
@@ -94,13 +98,19 @@ def rotation_of(orbit: Recurrences, tolerance: float, accuracy: float) -> Rotati
         return None
     (number, standard, distance), *others = fits
     size = float(np.sqrt(np.sum(np.var(loop.states, axis=0))))
-    widest = np.diff(np.sort(np.arange(half) * number % 1.0), append=1.0).max()
+    widest = _gaps(half, number)[-1]
+    covered = _gaps(count, number)[-(count // _ARC) :].sum() <= 0.5
     gained = distance <= max(min(d for *_, d in others) / _GAIN, _FLOOR * tolerance * size)
-    if not (gained and distance <= tolerance * size and widest <= _WIDEST):
+    if not (gained and distance <= tolerance * size and widest <= _WIDEST and covered):
         return None
     slip = max(accuracy, _ROUNDING) * curves / (2.0 * np.pi * size)
     error = _MARGIN * max(standard, *(abs(other - number) for other, *_ in others)) + slip
     return Rotation(min(number, 1.0 - number), error, curves, distance / size)
+
+
+def _gaps(count: int, number: float) -> Array:
+    """Return the gaps between multiples of a turn, ascending, in turns."""
+    return np.sort(np.diff(np.sort(np.arange(count) * number % 1.0), append=1.0))
 
 
 def _interval(orbit: Recurrences) -> tuple[int, float, float, float] | None:

@@ -61,6 +61,17 @@ def test_known_dimension_is_within_the_error_bar_as_often_as_claimed(
         assert (off < errors).mean() >= 0.68 - SLACK
 
 
+@pytest.mark.parametrize(("n", "seeds"), [(1000, 60), (3000, 20)])
+def test_dimension_of_quasi_periodic_motion_is_within_two_errors(n: int, seeds: int) -> None:
+    # a rotation by a random turn, on a circle where it is not uniform
+    for seed in range(seeds):
+        random = np.random.default_rng(seed)
+        angle = 2.0 * np.pi * (np.arange(n) * random.uniform(0.02, 0.48) % 1.0)
+        states = (angle + 0.5 * np.sin(angle))[:, None]
+        found = CorrelationDimension(states, angles={0: 2.0 * np.pi})
+        assert found.region is None or abs(found.value - 1.0) < 2.0 * found.error
+
+
 # --- of sums ------------------------------------------------------------------------------------
 
 

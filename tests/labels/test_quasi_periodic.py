@@ -174,6 +174,30 @@ def test_the_circle_map_has_the_rotation_number_of_its_lift() -> None:
     assert found.rotation_error < 1e-12
 
 
+def mean_advance(system: ArnoldCircle, n: int = 100_000) -> float:
+    """Mean advance with smooth weights: S. Das et al., Nonlinearity 30 (2017) 4111-4140."""
+    theta = np.array([0.2])
+    advances = np.empty(n - 1)
+    for i in range(n - 1):
+        before, theta = theta, system.lifted(theta % 1.0)
+        advances[i] = (theta - before % 1.0)[0]
+    times = np.arange(1, n) / n
+    weights = np.exp(-1.0 / (times * (1.0 - times)))
+    return float(weights @ advances / weights.sum())
+
+
+# Distances of states 257, 206, 268 or 3 apart change geometrically for a while.
+@pytest.mark.parametrize(
+    ("shift", "k"),
+    [(1.810, 0.5), (1.1141903171953258, 0.5), (2.6162771285475794, 0.5), (2.1036682167140537, 0.3)],
+)
+def test_a_circle_near_a_resonance_is_quasi_periodic(shift: float, k: float) -> None:
+    system = ArnoldCircle(shift / (2.0 * np.pi), k)
+    found = label(system, [0.2], 500)
+    assert found.kind is OrbitKind.QUASI_PERIODIC
+    assert distance(found.rotation_number, mean_advance(system)) <= found.rotation_error + 1e-11
+
+
 @cache
 def delayed_logistic(rate: float) -> OrbitLabel:
     return label(DelayedLogistic(rate), [0.1, 0.1], 15_000)
@@ -376,6 +400,49 @@ def test_few_states_are_no_curve(count: int) -> None:
     assert turn_of(Curves(0, 1, GOLDEN, 1, 2).states(count)) is None
 
 
+@dataclass(frozen=True)
+class Tongue(Map):
+    """An angle in turns, with two cycles of the given period where a is below 1 in size.
+
+    theta' = theta + p / q + step (a + cos(2 pi q theta)), modulo 1, seen as a point of a circle.
+    """
+
+    p: int
+    q: int
+    step: float
+    a: float
+
+    @property
+    def dimension(self) -> int:
+        return 2
+
+    def __call__(self, state: Array) -> Array:
+        x, y = finite_array("state", state, (2,))
+        theta = np.arctan2(y, x) / (2.0 * np.pi)
+        theta += self.p / self.q
+        theta += self.step * (self.a + np.cos(2.0 * np.pi * self.q * (theta - self.p / self.q)))
+        return np.array([np.cos(2.0 * np.pi * theta), np.sin(2.0 * np.pi * theta)])
+
+    def jacobian(self, state: Array) -> Array:
+        (x, y), (u, v) = state, self(state)
+        rise = np.sin(2.0 * np.pi * self.q * np.arctan2(y, x) / (2.0 * np.pi))
+        slope = 1.0 - 2.0 * np.pi * self.q * self.step * rise
+        return np.asarray(slope * np.outer([-v, u], [-y, x]) + 0.5 * np.outer([u, v], [x, y]))
+
+
+SLOW = [(15, 22, 8.3e-8, 0.98, 0.98), (17, 46, 1e-8, 0.09, 0.58), (51, 67, 3.1e-7, 0.52, 0.79)]
+SLOW += [(53, 74, 1.2e-9, 0.75, 0.51), (67, 72, 2.1e-9, 0.83, 0.067), (18, 53, 1.4e-7, 0.96, 0.56)]
+
+
+@pytest.mark.parametrize(("p", "q", "step", "a", "start"), SLOW)
+def test_a_slow_approach_to_a_cycle_is_unsettled(
+    p: int, q: int, step: float, a: float, start: float
+) -> None:
+    angle = 2.0 * np.pi * start
+    found = label(Tongue(p, q, step, a), [np.cos(angle), np.sin(angle)], 0)
+    assert found.kind is OrbitKind.UNSETTLED
+
+
 FEIGENBAUM = 3.569945672
 NEGATIVE: dict[str, tuple[Map, list[float]]] = {
     "spiral before NS": (DelayedLogistic(1.999), [0.1, 0.1]),
@@ -438,6 +505,18 @@ class Turning:
 )
 def test_the_largest_exponent_must_be_zero(rate: float, kind: OrbitKind) -> None:
     assert label_orbit(Turning(rate)).kind is kind
+
+
+@pytest.mark.parametrize("fall", [1e-3, 0.03, 0.2, 0.9])
+def test_a_decay_too_slow_for_the_budget_is_unsettled(fall: float) -> None:
+    class Slow(Turning):
+        def more(self, count: int) -> Window:
+            begin = self.given
+            self.given += count
+            size = 1.0 + np.exp(-fall / 5000.0 * np.arange(begin, begin + count))
+            return Window(np.stack([size, size], axis=1))
+
+    assert label_orbit(Slow(-fall / 5000.0)).kind is OrbitKind.UNSETTLED
 
 
 def test_a_budget_that_leaves_no_growth_to_look_at_leaves_the_label_open() -> None:
