@@ -330,14 +330,17 @@ class SmoothMap(Family, ABC):
         """
         direction, logs = generic_direction(state.size), np.empty(n)
         for i in range(n):
-            direction = self.jacobian(state) @ direction
+            state, direction = self._pushed(state, direction)
             length = float(np.linalg.norm(direction))
             if length == 0.0:
                 return np.full(n, -np.inf)
             logs[i] = np.log(length)
             direction = direction / length
-            state = self.image(state)
         return logs
+
+    def _pushed(self, state: Array, direction: Array) -> tuple[Array, Array]:
+        """Return the next state, (d,), and what the jacobian makes of a direction, (d,)."""
+        return self.image(state), self.jacobian(state) @ direction
 
     def _frame(self, state: Array) -> Array:  # noqa: ARG002
         """The first frame of directions, (d, k): those without an exponent are left out."""

@@ -209,7 +209,7 @@ def _real(variables: Variables) -> dict[str, tuple[tuple[str, ...], Any]]:
     return found
 
 
-def known_error(result: object, dimensions: str) -> Variables:
+def known_error(result: object, dimensions: str | tuple[str, ...]) -> Variables:
     """Return the error of a result as a variable, if it has been computed before."""
     found = vars(result).get("error")
     return {} if found is None else {"error": (dimensions, found)}

@@ -10,9 +10,11 @@ import numpy as np
 
 from dynkit.core.cost import Cost
 from dynkit.core.overriding import Extensible
-from dynkit.core.reprs import Facts, Tabled, system_repr
+from dynkit.core.reprs import Facts, system_repr
 from dynkit.core.smooth_map import SmoothMap
 from dynkit.core.validation import Array, one_of
+from dynkit.data.dataset import Dataset, described, known_error
+from dynkit.data.result import Result
 from dynkit.dynamics.section import PoincareSection
 from dynkit.labels.label import OrbitLabel
 from dynkit.viewer.series import Series, series_of_states
@@ -22,7 +24,7 @@ class _Ending(Enum):
     COUNT_REACHED = "the number of states was reached"
 
 
-class Attractor(Extensible, Tabled, ABC):
+class Attractor(Extensible, Result, ABC):
     """The states of a motion after its transient.
 
     A subclass must implement:
@@ -42,6 +44,7 @@ class Attractor(Extensible, Tabled, ABC):
        enumeration whose value says in words why the simulation ended.
     7. ``observable(name)``, (n,): one of the map's `observables` at the kept states.
     8. ``label_within(budget)``, the label from at most this number of states.
+    9. `dataset`, when its states are more than their observables.
 
     Instances are immutable: properties that are computed when first read depend on nothing else.
     `dynkit.testing.check_attractor` tests a subclass against this contract.
@@ -106,6 +109,31 @@ class Attractor(Extensible, Tabled, ABC):
         """
         names = list(self.system.observables)
         return self.states[:, names.index(one_of("name", name, names))]
+
+    def dataset(self) -> Dataset:
+        """Return the observables at the kept states as a dataset over ``state``.
+
+        It contains the label and the `error` if they have been computed before, because both
+        simulate.
+        """
+        label = self._known_label
+        facts: dict[str, Any] = {} if label is None else {"label": str(label)}
+        return Dataset(
+            {},
+            {
+                **{name: ("state", self.observable(name)) for name in self.system.observables},
+                **known_error(self, ()),
+            },
+            described(
+                "States of a motion after its transient",
+                cost=self.cost,
+                error="estimate of the error of the states",
+                system=self.system,
+                transient=float(self.transient),
+                ending=str(self.ending.value),
+                **facts,
+            ),
+        )
 
     def label_within(self, budget: int) -> OrbitLabel:  # noqa: ARG002
         """Return the label from at most this number of states besides the kept ones."""

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple, TypeAlias, final
 
@@ -77,32 +77,6 @@ class Part(NamedTuple):
         least = float(np.linalg.svd(carried, compute_uv=False)[-1])
         # for inaccurate flows the limit is twice the length below which `stretched` gives NaN
         return least >= max(_EVEN * self.size, min(2.0 * CLEAR * self.error, 0.5 * self.size))
-
-
-def framed(parts: Sequence[Part], begin: Array, across: Basis, last: Array) -> tuple[Array, Array]:
-    """Return the derivatives of parts between frames of directions, and errors of their entries.
-
-    Parameters
-    ----------
-    parts : sequence of Part
-    begin : (d, k) array
-        The directions at the start.
-    across : callable
-        The directions (d, k) at the ends of parts, onto which disturbances are projected.
-    last : (k, d) array
-        Its product with a disturbance at the end of the last part is the result.
-
-    Returns
-    -------
-    factors : (n, k, k) array
-    errors : (n,) array
-    """
-    factors, errors = [], []
-    for part, end in zip(parts, [*(across(p.end).T for p in parts[:-1]), last], strict=True):
-        factors.append(end @ part.derivative @ begin)
-        errors.append(part.error * np.linalg.norm(begin, 2) * np.linalg.norm(end, 2))
-        begin = end.T
-    return np.array(factors), np.array(errors)
 
 
 @final
@@ -334,6 +308,42 @@ class Flow(Family, ABC):
             wrong = np.array([part.error for part in parts])
             here, (logs[i], errors[i]) = parts[-1].end, stretched([(derivatives, wrong)], frame)
         return Stretching(logs, errors, np.full(count, duration), here, frame)
+
+    def _framed(
+        self, state: Array, duration: float, begin: Array, across: Basis, last: Array
+    ) -> tuple[Array, Array]:
+        """Return derivatives over parts between frames of directions, and errors of their entries.
+
+        Parameters
+        ----------
+        state : (d,) array
+        duration : float
+        begin : (d, k) array
+            The directions at the start.
+        across : callable
+            The directions (d, k) at the ends of parts, onto which disturbances are projected.
+        last : (k, d) array
+            Its product with a disturbance at the end of the last part is the result.
+
+        Returns
+        -------
+        factors : (n, k, k) array
+        errors : (n,) array
+        """
+        known: dict[bytes, Array] = {}
+
+        def once(at: Array) -> Array:
+            key = at.tobytes()
+            if key not in known:
+                known[key] = across(at)
+            return known[key]
+
+        parts = list(self._parts(state, duration, once))
+        frames = [once(part.end) for part in parts[:-1]]
+        begins, ends = np.array([begin, *frames]), np.array([*(each.T for each in frames), last])
+        factors = ends @ np.array([part.derivative for part in parts]) @ begins
+        sizes = [np.linalg.norm(each, 2, axis=(1, 2)) for each in (begins, ends)]
+        return factors, np.array([part.error for part in parts]) * sizes[0] * sizes[1]
 
     def _parts(self, state: Array, duration: float, basis: Basis) -> Iterator[Part]:
         """Yield the trajectory over a positive duration in parts that are `Part.even`.

@@ -14,7 +14,7 @@ import numpy as np
 from dynkit.core.differences import numerical_derivative, parameter_difference
 from dynkit.core.no_motion import NoCrossing, TangentCrossing, replaced
 from dynkit.core.validation import Array, finite_array, index_in, positive
-from dynkit.dynamics.flow import Basis, Crossing, Flow, every_direction, framed
+from dynkit.dynamics.flow import Basis, Crossing, Flow, every_direction
 from dynkit.dynamics.map import Map
 
 _TURN = 2.0 * np.pi
@@ -296,7 +296,12 @@ class ResetMap(Map):
         self, state: Array, hit: Crossing, begin: Array, across: Basis, last: Array
     ) -> tuple[Array, Array]:
         here = finite_array("state", state, (self.dimension,))
-        return framed(list(self.flow._parts(here, hit.time, across)), begin, across, last)
+        return self.flow._framed(here, hit.time, begin, across, last)
+
+    def _pushed(self, state: Array, direction: Array) -> tuple[Array, Array]:
+        hit = self.crossing(state)
+        change = self.flow.derivative(state, hit.time) @ direction
+        return self._landed(hit), self._saltation(hit, change[:, None])[:, 0]
 
     @property
     def _framed(self) -> bool:

@@ -18,7 +18,7 @@ from dynkit.core.validation import (
     one_of,
     positive,
 )
-from dynkit.dynamics.flow import Basis, Crossing, Flow, flow_coordinates, framed
+from dynkit.dynamics.flow import Basis, Crossing, Flow, flow_coordinates
 from dynkit.dynamics.hybrid_flow import smooth
 from dynkit.dynamics.level import Level
 from dynkit.dynamics.map import Map
@@ -264,10 +264,12 @@ class PoincareMap(Map):
         return self.flow._by_differences
 
     def _factors(self, state: Array, hit: Crossing) -> tuple[Array, Array]:
+        return self._chained(state, hit, self._begin(state), None, self._across)
+
+    def _begin(self, state: Array) -> Array:
+        """Return the derivative, (d, d - 1), of the full state by the coordinates."""
         begin = self.section.lift_derivative(self._onto(state))
-        if self._level is not None:
-            begin = begin @ self._level.derivative(state)
-        return self._chained(state, hit, begin, None, self._across)
+        return begin if self._level is None else begin @ self._level.derivative(state)
 
     def _chained(
         self, state: Array, hit: Crossing, begin: Array, last: Array | None, across: Basis
@@ -276,9 +278,9 @@ class PoincareMap(Map):
 
         By default `last` is the identity.
         """
-        parts = list(self.flow._parts(self._lifted(state), hit.time, across))
         arrived = self._on_section(hit, np.eye(self.flow.dimension))
-        return framed(parts, begin, across, arrived if last is None else last @ arrived)
+        end = arrived if last is None else last @ arrived
+        return self.flow._framed(self._lifted(state), hit.time, begin, across, end)
 
     def _followed(
         self,
@@ -287,6 +289,12 @@ class PoincareMap(Map):
     ) -> tuple[Array, list[tuple[Array, Array]], Sequence[float]]:
         hit = self.crossing(state)
         return self.section.reduce(hit.state), [self._factors(state, hit)], [hit.time]
+
+    def _pushed(self, state: Array, direction: Array) -> tuple[Array, Array]:
+        """As for any map, but in one part: the direction turns to the one that grows most."""
+        hit, moved = self.crossing(state), self._begin(state) @ direction
+        change = self.flow.derivative(self._lifted(state), hit.time) @ moved
+        return self.section.reduce(hit.state), self._on_section(hit, change[:, None])[:, 0]
 
     def _across(self, state: Array) -> Array:
         """Return orthonormal directions, (d, d - 1), across the flow at a state."""

@@ -137,6 +137,7 @@ class Hyperplane(PoincareSection):
         self._direction = int(direction)
         self._chart = _orthonormal_complement(self._unit)
         self._angles = self._places_of(angles, given)
+        self._shown = _shown(angles)
         for array in (self._unit, self._chart):
             array.setflags(write=False)
 
@@ -176,7 +177,8 @@ class Hyperplane(PoincareSection):
         return _shortest(super().difference(a, b), self._angles)
 
     def __repr__(self) -> str:
-        return f"Hyperplane({self._unit.tolist()}, {self._distance}, {self._direction:+d})"
+        place = f"{self._unit.tolist()}, {self._distance}, {self._direction:+d}"
+        return f"Hyperplane({place}{self._shown})"
 
     def _checked(self, state: Array) -> Array:
         return finite_array("state", state, (self.dimension,))
@@ -233,6 +235,7 @@ class Stroboscope(PoincareSection):
             raise ValueError(f"dimension must be 2 or more; got {dimension}")
         self._phase = finite_scalar("phase", phase)
         self._angles = _indices(angles, self._dimension - 1)
+        self._shown = _shown(angles)
 
     @property
     def dimension(self) -> int:
@@ -270,7 +273,7 @@ class Stroboscope(PoincareSection):
         return _shortest(super().difference(a, b), self._angles)
 
     def __repr__(self) -> str:
-        return f"Stroboscope({self._dimension}, {self._phase})"
+        return f"Stroboscope({self._dimension}, {self._phase}{self._shown})"
 
     def _checked(self, state: Array) -> Array:
         return finite_array("state", state, (self._dimension,))
@@ -285,6 +288,10 @@ def _indices(angles: Sequence[int], count: int) -> list[int]:
             raise ValueError(f"angles[{i}] must be less than {count}; got {index}")
         found.append(index)
     return found
+
+
+def _shown(angles: Sequence[int]) -> str:
+    return f", angles={[int(angle) for angle in angles]}" if len(angles) else ""
 
 
 def _shortest(gap: Array, angles: list[int]) -> Array:

@@ -6,14 +6,16 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
-from typing import Any, Self, final
+from typing import Any, ClassVar, Self, final
 
 import numpy as np
 
 from dynkit.core.cost import Cost
 from dynkit.core.overriding import Extensible
-from dynkit.core.reprs import Tabled
 from dynkit.core.validation import Array, read_only
+from dynkit.data.dataset import Dataset, described
+from dynkit.data.result import Result
+from dynkit.orbits.newton import NoSolution
 from dynkit.orbits.spectrum import Spectrum
 from dynkit.viewer.series import Series
 
@@ -181,7 +183,7 @@ class Problem(Extensible, ABC):
         return None
 
 
-class ProblemSolution(Extensible, Tabled, ABC):
+class ProblemSolution(Extensible, Result, ABC):
     """A solution of the equations of a `Problem`, from which a branch can start.
 
     A subclass must implement the abstract properties and methods. Instances are immutable.
@@ -254,6 +256,42 @@ class ProblemSolution(Extensible, Tabled, ABC):
     def _series(self) -> Series | None:
         """Return the motion as pages for the browser show it; None for one that rests."""
         return None
+
+    _each: ClassVar[str] = "state"
+    """The dimension of the observables."""
+
+    def _spectrum(self) -> Any:
+        """Return the numbers that determine the stability, complex; none where undefined."""
+        problem = self.problem()
+        try:
+            return problem.spectrum(self.unknowns, np.empty(0))
+        except NoSolution:
+            return np.empty(0, dtype=np.complex128)
+
+    def dataset(self) -> Dataset:
+        """Return the observables as a dataset, with the unknowns and what determines stability.
+
+        These are multipliers or eigenvalues, as in the dataset of a branch; there are none where
+        the system has no derivative. Dimensions are ``state`` (``impact`` for a machine),
+        ``multiplier`` and ``unknown``.
+        """
+        return Dataset(
+            {},
+            {
+                **{name: (self._each, self.observable(name)) for name in self.observables},
+                "multiplier": ("multiplier", self._spectrum()),
+                "unknowns": ("unknown", self.unknowns),
+            },
+            described(
+                f"{self.label[:1].upper()}{self.label[1:]} of a system",
+                cost=self.cost,
+                error="estimate of the largest error of the solution",
+                system=self.system,
+                label=self.label,
+                solution_error=self.error,
+                residual=self.residual,
+            ),
+        )
 
 
 class KeptSolution(ProblemSolution):

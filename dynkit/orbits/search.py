@@ -13,6 +13,8 @@ from dynkit.core.no_motion import NoMotion
 from dynkit.core.reprs import system_repr
 from dynkit.core.smooth_map import SmoothMap, checked_map, proper_divisors
 from dynkit.core.validation import Array, finite_array, positive_integer, read_only
+from dynkit.data.dataset import Dataset, described
+from dynkit.data.result import Result
 from dynkit.orbits.covering import Covering
 from dynkit.orbits.laps import CELLS, periodic_points, reached
 from dynkit.orbits.map_calls import MapCalls, Spent
@@ -41,7 +43,7 @@ _ROUNDING = 1e-14
 
 
 @final
-class OrbitSearch(Sequence[_Orbit]):
+class OrbitSearch(Sequence[_Orbit], Result):
     """Result of a search for periodic orbits: a sequence of orbits by ascending periods.
 
     It is made by `find_orbits`, or by `find_orbits` of an impact oscillator, where the period is
@@ -113,8 +115,45 @@ class OrbitSearch(Sequence[_Orbit]):
     def __len__(self) -> int:
         return len(self._orbits)
 
+    def dataset(self) -> Dataset:
+        """Return observables and multipliers of the orbits as a dataset over ``orbit``.
+
+        Rows of orbits with fewer states, or without multipliers, are filled with NaN.
+        """
+        names = self._orbits[0].observables if self._orbits else self.system.observables
+        columns = {name: [orbit.observable(name) for orbit in self] for name in names}
+        return Dataset(
+            {"period": ("orbit", [len(orbit.states) for orbit in self])},
+            {
+                **{name: (("orbit", "state"), _filled(rows)) for name, rows in columns.items()},
+                "multiplier": (
+                    ("orbit", "multiplier"),
+                    _filled([orbit._spectrum() for orbit in self], np.complex128),
+                ),
+                "error": ("orbit", self.error),
+                "region": (("coordinate", "side"), self.region),
+            },
+            described(
+                "Search for periodic orbits",
+                cost=self.cost,
+                error="largest error of a coordinate of each orbit",
+                system=self.system,
+                largest_period=float(self.period),
+                resolved=float(self.resolved),
+                message=self.message,
+            ),
+        )
+
     def __repr__(self) -> str:
         return f"<{len(self)} orbits of {system_repr(self.system, 6)}; {self.message}>"
+
+
+def _filled(rows: Sequence[Array], kind: type = np.float64) -> Any:
+    """Return rows of different lengths as one array, filled with NaN."""
+    found: Any = np.full((len(rows), max(map(len, rows), default=0)), np.nan, dtype=kind)
+    for place, row in zip(found, rows, strict=True):
+        place[: len(row)] = row
+    return found
 
 
 def find_orbits(

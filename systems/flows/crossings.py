@@ -21,6 +21,8 @@ if TYPE_CHECKING:
 _CELLS = 4
 # On the section, to rounding: `dynkit.testing.lift_lands_on_the_section` allows as much.
 ON_SECTION = 1e-13
+# A motion that turns back within this distance of the section, in units of the reach, grazes it.
+_GRAZING = 1e-10
 # Newton's method needs a handful; bisection, where that does not converge, as many as bits.
 _ITERATIONS = 60
 
@@ -34,12 +36,18 @@ class Look:
     value: float
     rate: float
     gradient: Array
+    turns: bool = False
 
     @property
     def reach(self) -> float:
         """How large the value's terms are: its rounding is relative to it."""
         steepness = float(np.linalg.norm(self.gradient))
         return steepness * (1.0 + float(np.linalg.norm(self.state)))
+
+    @property
+    def near(self) -> bool:
+        """Whether a motion that turns back here grazes the section."""
+        return abs(self.value) <= _GRAZING * self.reach
 
     @property
     def behind(self) -> bool:
@@ -98,7 +106,7 @@ class Search:
             When there is none within the time limit, or as far as the motion can be followed.
         """
         last = self._look(0.0, start)
-        armed = last.behind
+        armed, away, grazes = last.behind, not last.near, False
         try:
             for step in self.steps(start, time_limit):
                 for here in self._looks(step, last):
@@ -106,15 +114,18 @@ class Search:
                         hit = self._landed(step, last, here)
                         if hit is not None:
                             return hit
-                    armed = armed or here.behind
+                    grazes = grazes or (away and here.turns and here.near)
+                    armed, away = armed or here.behind, away or not here.near
                     last = here
         except CannotFollow as end:
             raise NoCrossing(
                 f"no crossing within {time_limit}: the motion cannot be followed {end}"
             ) from end
         # such as after jumps that come ever faster, whose height is lost in rounding in the end
-        never = "" if armed else ": the motion was never clearly before the section"
-        raise NoCrossing(f"no crossing within {time_limit}{never}")
+        why = "" if armed else ": the motion was never clearly before the section"
+        if grazes:
+            why = ": the motion grazes the section and turns back"
+        raise NoCrossing(f"no crossing within {time_limit}{why}")
 
     def _look(self, time: float, state: Array) -> Look:
         sign, gradient = self.section.direction, self.section.gradient(state)
@@ -145,7 +156,9 @@ class Search:
             after.time,
             xtol=1e-9 * (after.time - before.time),
         )
-        return self._look(time, step.path(time))
+        look = self._look(time, step.path(time))
+        look.turns = True
+        return look
 
     def _landed(self, step: Step, before: Look, after: Look) -> Crossing | None:
         """Return the crossing between two looks, on the motion itself and not on its interpolation.

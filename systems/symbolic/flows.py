@@ -200,7 +200,8 @@ class SymbolicFlow(CodedFamily, Flow):
             As `advance`.
         """
         length = non_negative("duration", duration)
-        return self._taylor.transition(self._numbers, self._checked(state), length)[1]
+        _, derivatives = self._taylor.transitions(self._numbers, self._checked(state), length, 1)
+        return derivatives.reshape(self.dimension, self.dimension)
 
     @final
     def parameter_derivative(self, state: Array, duration: float, name: str) -> Array:
@@ -260,10 +261,8 @@ class SymbolicFlow(CodedFamily, Flow):
 
     def _stretched(self, state: Array, duration: float, count: int, parts: int) -> Stretching:
         """How intervals stretch a frame, each in so many parts."""
-        d, here, n = self.dimension, state, count * parts
-        derivatives = np.empty((n, d, d))
-        for i in range(n):
-            here, derivatives[i] = self._taylor.transition(self._numbers, here, duration / parts)
+        d, step = self.dimension, duration / parts
+        here, derivatives = self._taylor.transitions(self._numbers, state, step, count * parts)
         frame = np.eye(d)
         off = (self.accuracy * np.linalg.norm(derivatives, axis=(1, 2))).reshape(count, parts)
         steps = zip(derivatives.reshape(count, parts, d, d), off, strict=True)
@@ -272,15 +271,12 @@ class SymbolicFlow(CodedFamily, Flow):
 
     def _part(self, state: Array, duration: float) -> Part:
         """One part, by its quarters: growth that is undone within it is seen too."""
-        here, quarters = state, list[Array]()
-        for _ in range(_QUARTERS):
-            here, derivative = self._taylor.transition(self._numbers, here, duration / _QUARTERS)
-            quarters.append(derivative)
-        product, size = np.eye(self.dimension), 1.0
-        for derivative in reversed(quarters):
-            product = product @ derivative
-            size = max(size, float(np.linalg.norm(product, 2)))
-        return Part(here, product, size, self.accuracy * size)
+        step = duration / _QUARTERS
+        here, growths = self._taylor.transitions(self._numbers, state, step, _QUARTERS)
+        for i in reversed(range(_QUARTERS - 1)):
+            growths[i] = growths[i + 1] @ growths[i]
+        size = max(1.0, float(np.linalg.svd(growths, compute_uv=False).max()))
+        return Part(here, growths[0], size, self.accuracy * size)
 
     @property
     def _coordinates(self) -> tuple[str, ...]:

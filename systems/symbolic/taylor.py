@@ -91,15 +91,21 @@ class Taylor:
             self._run(integrator, state, duration)
             return np.array(integrator.state[: self._dimension])
 
-    def transition(self, parameters: Array, state: Array, duration: float) -> tuple[Array, Array]:
-        """Return the state, (d,), after a duration, and its derivative, (d, d), by the start."""
-        d = self._dimension
+    def transitions(
+        self, parameters: Array, state: Array, duration: float, count: int
+    ) -> tuple[Array, Array]:
+        """Return the state after successive durations, and their derivatives, (count, d, d)."""
+        d, identity = self._dimension, np.eye(self._dimension).ravel()
+        derivatives = np.empty((count, d, d))
         with self._lock:
             integrator = self._at(-1, parameters, state)
-            integrator.state[d:] = np.eye(d).ravel()
-            self._run(integrator, state, duration)
-            found = np.array(integrator.state)
-        return found[:d], found[d:].reshape(d, d)
+            now = integrator.state
+            for derivative in derivatives:
+                integrator.time = 0.0
+                now[d:] = identity
+                self._run(integrator, now[:d].copy(), duration)
+                derivative[:] = now[d:].reshape(d, d)
+            return now[:d].copy(), derivatives
 
     def by_parameter(self, parameters: Array, state: Array, duration: float, place: int) -> Array:
         """Return the derivative, (d,), of the state after a duration by one of the parameters."""

@@ -26,9 +26,10 @@ from dynkit.analysis import (
 )
 from dynkit.core.validation import Array
 from dynkit.data.dataset import Dataset
-from dynkit.data.result import Saved
-from dynkit.systems import Henon, ImpactChain, Logistic
-from tests.public_classes import example, measures
+from dynkit.data.result import Result, Saved
+from dynkit.labels.label import OrbitLabel
+from dynkit.systems import Henon, ImpactChain, Logistic, Rossler
+from tests.public_classes import example, measures, public_classes
 
 MEASURES = {name: kind for name, kind in measures().items() if issubclass(kind, Saved)}
 
@@ -126,10 +127,64 @@ def test_what_was_loaded_is_saved_again_or_says_what_is_missing(
         plt.close("all")
 
 
-@EACH
+@pytest.fixture(scope="module")
+def exported(results: dict[str, Any]) -> dict[str, Any]:
+    """Results that are saved, and those that are only exported."""
+    henon, chain = Henon(), ImpactChain(masses=2, frequency=0.9)
+    motion, orbit = chain.attractor(transient=100, impacts=60), dynkit.periodic_orbit(henon, [1, 0])
+    box = [(-2.0, 2.0), (-2.0, 2.0)]
+    return {
+        **results,
+        "MapAttractor": henon.attractor(start=[0.1, 0.1], transient=9, keep=7),
+        "MapOrbit": orbit,
+        "OrbitSearch": dynkit.find_orbits(henon, 4, box),
+        "OrbitSearch without orbits": dynkit.find_orbits(henon, 1, [(9.0, 9.1), (9.0, 9.1)]),
+        "Equilibrium": dynkit.equilibrium(Rossler(), [0.0, 0.0, 0.0]),
+        "ImpactAttractor": motion,
+        "ImpactOrbit": chain.periodic_orbit(impacts=1, periods=1),
+        "ImpactRecord": motion.record,
+    }
+
+
+ONLY_EXPORTED = (
+    *("MapAttractor", "MapOrbit", "OrbitSearch", "OrbitSearch without orbits", "Equilibrium"),
+    *("ImpactAttractor", "ImpactOrbit", "ImpactRecord"),
+)
+
+
+def test_every_public_result_is_exported(exported: dict[str, Any]) -> None:
+    """What has a cost and an error is a result, but for labels, which are columns of results."""
+    met = public_classes()
+    kinds = [kind for kind in met if hasattr(kind, "error") and hasattr(kind, "cost")]
+    assert [kind for kind in kinds if not issubclass(kind, Result)] == [OrbitLabel]
+    final = {kind for kind in met if issubclass(kind, Result) and hasattr(kind, "__final__")}
+    assert {type(result) for result in exported.values()} == final
+
+
+def test_what_is_exported_are_the_states(exported: dict[str, Any], tmp_path: Path) -> None:
+    for name in ("MapAttractor", "MapOrbit"):
+        exported[name].export(tmp_path / "x.npz")
+        with np.load(tmp_path / "x.npz") as stored:
+            rows = np.stack([stored["state[0]"], stored["state[1]"]], axis=1)
+            assert same(rows, exported[name].states)
+    search = exported["OrbitSearch"]
+    search.export(tmp_path / "x.h5")
+    with h5py.File(tmp_path / "x.h5") as file:
+        for i, orbit in enumerate(search):
+            n = len(orbit.states)
+            assert file["period"][i] == n
+            assert same(file["state[1]"][i, :n], orbit.states[:, 1])
+            assert np.isnan(file["state[1]"][i, n:]).all()
+            assert same(file["multiplier"][i], orbit.multipliers)
+    rows = search.dataset().columns()["state[0]"]
+    assert len(rows) == sum(len(orbit.states) for orbit in search)
+
+
+@pytest.mark.parametrize("name", [*NAMES, *ONLY_EXPORTED])
 def test_every_result_is_exported_in_every_form(
-    name: str, results: dict[str, Any], tmp_path: Path
+    name: str, exported: dict[str, Any], tmp_path: Path
 ) -> None:
+    results = exported
     data = results[name].dataset()
     results[name].export(tmp_path / "x.npz")
     results[name].export(tmp_path / "x.h5")

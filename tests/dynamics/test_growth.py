@@ -2,11 +2,25 @@
 
 from __future__ import annotations
 
+from collections import Counter
+from typing import Any
+
 import numpy as np
 import pytest
 
+from dynkit import Hyperplane, PoincareMap, ResetMap, Stroboscope
 from dynkit.core.smooth_map import SmoothMap
-from dynkit.systems import Henon, Logistic, StandardMap, SymbolicMap
+from dynkit.core.validation import Array
+from dynkit.systems import (
+    Henon,
+    HenonHeiles,
+    Logistic,
+    SimplestWalker,
+    StandardMap,
+    SymbolicMap,
+)
+from tests.flows.symbolic_flows import Kicked
+from tests.flows.test_growth_on_the_way import LOSS, Growing
 
 
 @pytest.mark.parametrize("system", [Logistic(rate=3.9), Henon(), StandardMap(k=2.0)])
@@ -28,3 +42,61 @@ def test_a_direction_that_nearly_vanishes_has_a_logarithm() -> None:
     logs = system._growth(np.array([3.0**0.5 / (2.8 * 2.0**0.5), 0.0]), 2)
     assert np.isfinite(logs).all()
     assert logs[0] < -34.0
+
+
+PLANE = Hyperplane([0.0, 1.0, 0.0, 0.0])
+RETURNS: dict[str, tuple[Any, list[float]]] = {
+    "kicked pendulum": (PoincareMap(Kicked(frequency=1.0), Stroboscope(3), 10.0), [0.5, 0.0]),
+    "on a level": (
+        PoincareMap(HenonHeiles(), PLANE, 50.0, level=("energy", 0.1)),
+        [0.1, 0.1, 0.4],
+    ),
+    "walker": (ResetMap(SimplestWalker(), time_limit=10.0), [0.2, 0.4, -0.2, -0.016]),
+}
+
+
+@pytest.mark.parametrize("name", RETURNS)
+def test_growth_over_returns_is_that_of_the_product_of_jacobians(name: str) -> None:
+    returns, start = RETURNS[name]
+    found = returns._growth(np.array(start), 5)
+    expected = SmoothMap._growth(_Plain(returns), np.array(start), 5)
+    assert found == pytest.approx(expected, abs=1e-11)
+
+
+class _Plain(SmoothMap):
+    """A map of which only calls and jacobians are known."""
+
+    def __init__(self, given: SmoothMap) -> None:
+        self.given = given
+
+    @property
+    def dimension(self) -> int:
+        return self.given.dimension
+
+    def __call__(self, state: Array) -> Array:
+        return np.asarray(self.given(state))
+
+    def jacobian(self, state: Array) -> Array:
+        return self.given.jacobian(state)
+
+
+def test_growth_over_periods_that_undo_it_is_that_in_closed_form() -> None:
+    """Disturbances grow e^12 times within each period, and decay by exp(-2 pi LOSS) over it."""
+    returns = PoincareMap(Growing(), Stroboscope(2, phase=-0.5 * np.pi), 10.0)
+    assert returns._growth(np.array([-1.0]), 20) == pytest.approx(-2.0 * np.pi * LOSS, abs=1e-7)
+
+
+def test_growth_over_a_return_takes_one_crossing_and_one_derivative() -> None:
+    made = Counter[str]()
+
+    class Counted(Kicked):
+        def next_crossing(self, *arguments: Any) -> Any:
+            made["crossings"] += 1
+            return super().next_crossing(*arguments)
+
+        def derivative(self, *arguments: Any) -> Array:
+            made["derivatives"] += 1
+            return super().derivative(*arguments)
+
+    PoincareMap(Counted(frequency=1.0), Stroboscope(3), 10.0)._growth(np.array([0.5, 0.0]), 7)
+    assert made == {"crossings": 7, "derivatives": 7}

@@ -503,3 +503,30 @@ def test_without_heyoka_one_line_says_what_to_install(monkeypatch: pytest.Monkey
         fresh.advance(at(1.0), 1.0)
     assert fresh.velocity(at(2.0)).tolist() == [-2.0]
     assert integrated_flows.Lorenz().advance(at(1.0, 2.0, 20.0), 0.1).shape == (3,)
+
+
+class Shifted(SymbolicFlow):
+    """A cycle of radius one around (centre, 0): it touches the line x = 0 at the centre one."""
+
+    centre: float = 0.5
+
+    def velocity(self, x: Any, y: Any) -> tuple[Any, ...]:
+        aside = x - self.centre
+        inward = 1 - aside**2 - y**2
+        return aside * inward - y, y * inward + aside
+
+
+@pytest.mark.parametrize("direction", [1, -1])
+@pytest.mark.parametrize("beyond", [1e-11, 1e-13])
+def test_a_motion_that_turns_back_at_the_section_grazes_it(direction: int, beyond: float) -> None:
+    line = Hyperplane([1.0, 0.0], direction=direction)
+    for start in (0.0, 2.0):
+        on_cycle = np.array([1.0 + beyond + np.cos(start), np.sin(start)])
+        with pytest.raises(NoCrossing, match="the motion grazes the section and turns back"):
+            Shifted(centre=1.0 + beyond).next_crossing(on_cycle, line, 20.0)
+
+
+def test_a_motion_that_turns_back_before_the_section_does_not_graze_it() -> None:
+    line = Hyperplane([1.0, 0.0], direction=-1)
+    with pytest.raises(NoCrossing, match=r"no crossing within 20\.0$"):
+        Shifted(centre=1.0 + 1e-8).next_crossing(np.array([2.0, 0.0]), line, 20.0)

@@ -99,6 +99,7 @@ class ImpactOrbit(KeptSolution, PeriodicOrbit):
     """
 
     _problem: OrbitEquations
+    _each = "impact"
 
     def __repr__(self) -> str:
         kind = "stable" if self.stable else "unstable"

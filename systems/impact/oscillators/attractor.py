@@ -14,6 +14,7 @@ from dynkit.core.cost import Cost
 from dynkit.core.no_motion import NoCrossing, NoDerivative, TangentCrossing
 from dynkit.core.reprs import Facts
 from dynkit.core.validation import Array, finite_array
+from dynkit.data.dataset import Dataset
 from dynkit.dynamics.attractor import Attractor
 from dynkit.labels.label import OrbitKind, OrbitLabel
 from dynkit.labels.labelling import Window, label_orbit, settled_label, with_multiplier
@@ -223,6 +224,10 @@ class ImpactAttractor(Attractor):
         if m is None or not self._system._table_alone:
             return orbit_near(self._system, record.final, m or 1)
         return orbit_of_motion(record, n, m)
+
+    def dataset(self) -> Dataset:
+        """Return the kept impacts and contacts as a dataset: see `ImpactRecord.dataset`."""
+        return self.record.dataset()
 
     def second_moments(self, batches: int | Sequence[int] = 32) -> SecondMoments:
         """Time averages over the kept impacts: see `ImpactRecord.second_moments`."""
