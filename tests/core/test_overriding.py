@@ -202,7 +202,7 @@ class TestOverriddenCalls:
 
 
 def test_an_exact_jacobian_beside_its_own_call_is_kept() -> None:
-    assert HalvedExactly().jacobian([0.3, 0.2]).tolist() == [[-0.42, 0.5], [0.15, 0.0]]
+    assert HalvedExactly().jacobian(np.array([0.3, 0.2])).tolist() == [[-0.42, 0.5], [0.15, 0.0]]
 
 
 def test_a_subclass_without_its_own_call_keeps_compiled_code() -> None:
@@ -252,7 +252,8 @@ class Pendulum(IntegratedFlow):
 
 class Stiffened(Pendulum):
     def velocity(self, state: Array) -> Array:
-        return super().velocity(state) - np.array([0.0, state[0] ** 3 + self.damping * state[0]])
+        pull: Array = np.array([0.0, state[0] ** 3 + self.damping * state[0]])
+        return np.asarray(super().velocity(state) - pull)
 
 
 @dataclass(frozen=True)
@@ -307,12 +308,12 @@ class TestOverriddenVelocities:
 
     def test_returns_are_those_of_the_velocity(self, flow: Any) -> None:
         returns, expected = (
-            PoincareMap(own, Hyperplane([0.0, 1.0], direction=-1), time_limit=100.0)
+            PoincareMap(own, Hyperplane(np.array([0.0, 1.0]), direction=-1), time_limit=100.0)
             for own in (flow, Stiffened())
         )
-        assert returns([1.0]) == pytest.approx(expected([1.0]), abs=1e-9)
+        assert returns(np.ones(1)) == pytest.approx(expected(np.ones(1)), abs=1e-9)
         slope, _ = numerical_derivative(returns.image, np.array([1.0]), accuracy=1e-12)
-        assert returns.jacobian([1.0]) == pytest.approx(slope, abs=1e-7)
+        assert returns.jacobian(np.ones(1)) == pytest.approx(slope, abs=1e-7)
 
 
 def test_a_guard_of_a_subclass_has_its_own_gradient() -> None:
@@ -364,9 +365,10 @@ def test_a_guard_of_a_mixin_takes_states() -> None:
         def velocity(self, angle: Any, rate: Any) -> tuple[Any, ...]:
             return rate, -angle
 
-    assert Reset().guard([0.25, 0.0]) == 0.75
-    assert Reset().reset([0.25, 1.0]).tolist() == [-0.25, 1.0]
-    assert Reset().armed([0.25, 1.0]) == 1.0
+    own: Any = Reset()
+    assert own.guard([0.25, 0.0]) == 0.75
+    assert own.reset([0.25, 1.0]).tolist() == [-0.25, 1.0]
+    assert own.armed([0.25, 1.0]) == 1.0
 
 
 # --- fields that energies use ---------------------------------------------------------------------
@@ -458,8 +460,8 @@ def test_a_coordinate_of_elements_may_use_any_field() -> None:
 
     own = [HardStop("height", amplitude=0.1, name="table")]
     chain = Curved(masses=2, frequency=0.9, elements=own)
-    assert "0.1" in chain.identity["height"]
-    assert "0.3" in chain.replace(**{"table.amplitude": 0.3}).identity["height"]
+    assert "0.1" in str(chain.identity["height"])
+    assert "0.3" in str(chain.replace(**{"table.amplitude": 0.3}).identity["height"])
 
 
 # --- starts ---------------------------------------------------------------------------------------
@@ -589,7 +591,7 @@ def test_an_override_by_a_mixin_is_refused() -> None:
         iterate = _method
 
     with pytest.raises(TypeError, match="Own must not override iterate of SmoothMap"):
-        type(Henon)("Own", (Jumps, Henon), {})
+        type("Own", (Jumps, Henon), {})
 
 
 def test_members_of_final_classes_are_no_final_members() -> None:
@@ -619,7 +621,7 @@ def test_a_computed_attribute_of_a_symbolic_map_is_refused() -> None:
             return (2 * self.half * x * (1 - x),)
 
     with pytest.raises(TypeError, match=r"Halving\.half must be an argument or a property"):
-        Halving()([0.3])
+        Halving()(np.array([0.3]))
 
 
 # --- classes that are defined again ---------------------------------------------------------------
@@ -704,7 +706,7 @@ def test_a_class_defined_again_shares_no_code_and_no_store(
         kind.__qualname__ = "Own"
     states = [kind()(np.array([0.3]))[0] for kind in kinds]
     assert states[0] == states[1] != states[2]
-    store, given = tmp_path / "own.h5", {"start": [0.3], "progress": False}
+    store, given = tmp_path / "own.h5", dict[str, Any](start=[0.3], progress=False)
     made = sweep(kinds[0](), "rate", [3.2, 3.3], store=store, **given)
     same = sweep(kinds[1](), "rate", [3.2, 3.3], store=store, **given)
     assert same.observable("state[0]").tolist() == made.observable("state[0]").tolist()
@@ -771,11 +773,11 @@ def test_members_of_a_class_that_expressions_use_count_when_they_are_replaced() 
         def next_state(self, x: Any) -> tuple[Any, ...]:
             return (self.rate * self.extra * self.more(x),)
 
-    assert Own()([0.3]) == pytest.approx([0.96])
+    assert Own()(np.array([0.3])) == pytest.approx([0.96])
     Own.extra = 2.0
-    assert Own()([0.3]) == pytest.approx([1.92])
+    assert Own()(np.array([0.3])) == pytest.approx([1.92])
     Own.more = lambda self, x: x**2  # type: ignore[method-assign]
-    assert Own()([0.3]) == pytest.approx([0.576])
+    assert Own()(np.array([0.3])) == pytest.approx([0.576])
 
 
 def test_regimes_of_elements_are_part_of_the_identity() -> None:

@@ -266,6 +266,6 @@ def test_a_time_limit_that_is_not_positive_is_refused() -> None:
 
 def test_the_repr_of_a_section_has_its_angles() -> None:
     assert repr(Stroboscope(3, angles=[0])) == "Stroboscope(3, 0.0, angles=[0])"
-    plane = Hyperplane([0.0, 0.0, 1.0], angles=[1])
+    plane = Hyperplane(np.array([0.0, 0.0, 1.0]), angles=[1])
     assert repr(plane) == "Hyperplane([0.0, 0.0, 1.0], 0.0, +1, angles=[1])"
     assert repr(Stroboscope(3)) == "Stroboscope(3, 0.0)"

@@ -408,7 +408,7 @@ class Damped(SymbolicFlow):
 
 
 def test_an_integral_that_is_not_constant_is_refused() -> None:
-    turns = Hyperplane([0.0, 1.0])
+    turns = Hyperplane(np.array([0.0, 1.0]))
     system = PoincareMap(Damped(), turns, time_limit=20.0, level=("energy", 0.5))
     with pytest.raises(ValueError, match=r"^energy must be constant .* from 0\.5 to 0\.26"):
         periodic_orbit(system, np.array([-1.0]))

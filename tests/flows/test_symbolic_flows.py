@@ -326,7 +326,8 @@ class Rotor(SymbolicFlow):
 
 def test_a_rotor_that_turns_with_its_drive_has_a_periodic_orbit() -> None:
     turning = PoincareMap(Rotor(), Stroboscope(3, angles=[0]), time_limit=20.0)
-    orbit = turning.attractor(start=at(0.3, 0.5)).periodic_orbit()
+    attractor: Any = turning.attractor(start=at(0.3, 0.5))
+    orbit = attractor.periodic_orbit()
     assert turning.difference(orbit.states, at(0.0, 0.8)) == pytest.approx(0.0, abs=1e-13)
     # beside angle = phase: y'' + damping y' + y = 0
     rates = np.roots([1.0, 0.5, 1.0])
@@ -519,7 +520,7 @@ class Shifted(SymbolicFlow):
 @pytest.mark.parametrize("direction", [1, -1])
 @pytest.mark.parametrize("beyond", [1e-11, 1e-13])
 def test_a_motion_that_turns_back_at_the_section_grazes_it(direction: int, beyond: float) -> None:
-    line = Hyperplane([1.0, 0.0], direction=direction)
+    line = Hyperplane(np.array([1.0, 0.0]), direction=direction)
     for start in (0.0, 2.0):
         on_cycle = np.array([1.0 + beyond + np.cos(start), np.sin(start)])
         with pytest.raises(NoCrossing, match="the motion grazes the section and turns back"):
@@ -527,6 +528,6 @@ def test_a_motion_that_turns_back_at_the_section_grazes_it(direction: int, beyon
 
 
 def test_a_motion_that_turns_back_before_the_section_does_not_graze_it() -> None:
-    line = Hyperplane([1.0, 0.0], direction=-1)
+    line = Hyperplane(np.array([1.0, 0.0]), direction=-1)
     with pytest.raises(NoCrossing, match=r"no crossing within 20\.0$"):
         Shifted(centre=1.0 + 1e-8).next_crossing(np.array([2.0, 0.0]), line, 20.0)

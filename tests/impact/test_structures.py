@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import mpmath
 import numpy as np
@@ -147,7 +147,7 @@ class StiffenedChain(ImpactChain):
 def test_energies_that_a_subclass_adds_to_matrices_count(hardening: float) -> None:
     plain = ImpactChain(masses=2, frequency=0.9)
     chain = StiffenedChain(masses=2, frequency=0.9, hardening=hardening)
-    matrices = {"M": plain.mass, "C": plain.damping_matrix, "K": plain.stiffness}
+    matrices: dict[str, Any] = {"M": plain.mass, "C": plain.damping_matrix, "K": plain.stiffness}
     given = Stiffened(frequency=0.9, hardening=hardening, **matrices)
     assert given.engine == chain.engine
     assert given.stiffness == pytest.approx(chain.stiffness)

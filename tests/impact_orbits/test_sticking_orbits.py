@@ -208,6 +208,7 @@ def test_an_orbit_begins_within_the_first_turn_wherever_it_was_found() -> None:
     (found,) = chain.periodic_orbits(periods=2, sticking=True)
     assert 0.0 <= found.phases[0] < TURN
     wanted = chain.attractor().periodic_orbit()
+    assert isinstance(wanted, ImpactOrbit)
     assert found.phases == pytest.approx(wanted.phases, abs=found.error + wanted.error)
 
 

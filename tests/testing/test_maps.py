@@ -1,6 +1,7 @@
 """The checks of maps pass what conforms, and name the defect of what does not."""
 
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 import pytest
@@ -176,10 +177,11 @@ def test_a_state_at_a_jump_is_said_to_be_no_place_to_compare() -> None:
 
 
 def test_states_may_be_lists() -> None:
-    testing.check_map(Henon(), [[0.1, 0.2], [0.3, -0.1]])
+    rows: Any = [[0.1, 0.2], [0.3, -0.1]]
+    testing.check_map(Henon(), rows)
     testing.check_section(PLANE, POINTS.tolist())
 
 
 def test_one_state_in_place_of_rows_is_refused_by_name() -> None:
     with pytest.raises(ValueError, match=r"^states must have shape \(any, any\); got shape \(2,\)"):
-        testing.check_map(Henon(), [0.1, 0.2])
+        testing.check_map(Henon(), np.array([0.1, 0.2]))
