@@ -33,7 +33,8 @@ from dynkit.core.cost import Cost
 from dynkit.core.validation import Array, boolean, in_interval
 from dynkit.orbits.equations import Problem
 from dynkit.orbits.events import WatchedProblem, is_admissible
-from dynkit.orbits.newton import FixedParameters, NoSolution, correct
+from dynkit.orbits.newton import NoSolution, correct
+from dynkit.orbits.solving import FixedParameters
 
 if TYPE_CHECKING:
     from dynkit.orbits.equations import ProblemSolution

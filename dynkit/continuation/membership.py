@@ -12,8 +12,9 @@ from dynkit.continuation.lines import nodes_of
 from dynkit.continuation.orbit_equations import OrbitEquations
 from dynkit.continuation.points import SAME
 from dynkit.core.validation import Array
-from dynkit.orbits.newton import FixedParameters, NoConvergence, correct
+from dynkit.orbits.newton import NoConvergence, correct
 from dynkit.orbits.problem import PeriodicOrbit
+from dynkit.orbits.solving import FixedParameters
 
 if TYPE_CHECKING:
     from dynkit.continuation.branch import Branch

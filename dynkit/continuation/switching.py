@@ -12,8 +12,9 @@ from dynkit.continuation.orbit_equations import OrbitEquations
 from dynkit.core.validation import Array
 from dynkit.orbits.equations import Problem
 from dynkit.orbits.events import WatchedProblem
-from dynkit.orbits.newton import NoConvergence, NoSolution, correct, solve
+from dynkit.orbits.newton import NoConvergence, NoSolution, correct
 from dynkit.orbits.problem import PeriodicProblem
+from dynkit.orbits.solving import solve
 
 # Distances along the new branch to try, in scaled unknowns: the first one close enough to the
 # bifurcation is taken. At smaller distances an orbit cannot be separated from its half.

@@ -17,7 +17,8 @@ from dynkit.core.reprs import Facts, largest, system_repr, written
 from dynkit.core.validation import Array, finite_array, one_of, read_only
 from dynkit.orbits.equations import KeptSolution, Problem
 from dynkit.orbits.multiplier_errors import multiplier_errors
-from dynkit.orbits.newton import NoSolution, orbit_bound, solve
+from dynkit.orbits.newton import NoSolution
+from dynkit.orbits.solving import orbit_bound, solve
 
 _NONE = np.empty(0)
 

@@ -12,8 +12,9 @@ from dynkit.core.reprs import system_repr
 from dynkit.core.smooth_map import SmoothMap
 from dynkit.core.validation import Array, finite_array, one_of, read_only
 from dynkit.orbits.equations import KeptSolution
-from dynkit.orbits.newton import NoSolution, orbit_bound
+from dynkit.orbits.newton import NoSolution
 from dynkit.orbits.problem import PeriodicOrbit
+from dynkit.orbits.solving import orbit_bound
 
 _NONE = np.empty(0)
 

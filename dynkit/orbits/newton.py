@@ -4,15 +4,12 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from enum import Enum
-from typing import TYPE_CHECKING, Any, NamedTuple, final
+from typing import Any, NamedTuple, final
 
 import numpy as np
 from scipy.linalg.lapack import dgesv
 
 from dynkit.core.validation import Array
-
-if TYPE_CHECKING:
-    from dynkit.orbits.equations import Problem
 
 ROUNDING = 2.0**-52
 # Residuals below the first are rounding; a solution has a residual below the second.
@@ -277,61 +274,3 @@ def error_bound(
             return np.full(q, np.inf)
         bound = scale * np.linalg.solve(np.eye(q) - grown, bound / scale)
     return bound
-
-
-@final
-class FixedParameters(Equations):
-    """Equations of one orbit at given parameters."""
-
-    def __init__(self, problem: Problem, p: Array) -> None:
-        self._problem = problem
-        self._p = p
-
-    def residual(self, y: Array) -> Array:
-        return self._problem.residual(y, self._p)
-
-    def jacobian(self, y: Array) -> Array:
-        return np.asarray(self._problem.linearization(y, self._p))
-
-    def scale(self, y: Array) -> Array:
-        return self._problem.scale(y)
-
-    def rounding(self, y: Array) -> Array:
-        return self._problem.rounding(y, self._p)
-
-    def linearization_error(self, y: Array) -> Any:
-        return self._problem.linearization_error(y, self._p)
-
-
-def orbit_bound(problem: Problem, x: Array, p: Array) -> Array:
-    """Return the `error_bound` (m,) of the unknowns of one orbit at given parameters.
-
-    Raises
-    ------
-    NoSolution
-        When the equations have no derivative at x.
-    """
-    equations = FixedParameters(problem, p)
-    return error_bound(equations, equations.jacobian(x), x, equations.scale(x), None)
-
-
-def solve(
-    problem: Problem, guess: Array, p: Array, what: str = "no periodic orbit"
-) -> tuple[Array, tuple[float, ...]]:
-    """Return the unknowns of one solution at given parameters, and the history of residuals.
-
-    `what` begins the message when no solution is found.
-
-    Raises
-    ------
-    NoConvergence
-        When Newton's method does not converge from the guess.
-    """
-    equations = FixedParameters(problem, p)
-    found = correct(equations, guess, problem.scale(guess), steps=50, halvings=12)
-    if not found.converged:
-        why = found.message or found.outcome.value
-        how_far = f", residual {found.history[-1]:.1e}" if found.history else ""
-        steps = max(len(found.history) - 1, 0)
-        raise NoConvergence(f"{what} found from the guess after {steps} steps: {why}{how_far}")
-    return found.y, found.history

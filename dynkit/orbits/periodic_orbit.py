@@ -13,7 +13,8 @@ from dynkit.core.smooth_map import SmoothMap, checked_map, proper_divisors
 from dynkit.core.validation import Array, finite_array, positive_integer, within_memory
 from dynkit.orbits.map_orbit import MapOrbit
 from dynkit.orbits.map_problem import MapProblem, sizes
-from dynkit.orbits.newton import NoConvergence, solve
+from dynkit.orbits.newton import NoConvergence
+from dynkit.orbits.solving import solve
 
 # States of an orbit that agree to this are tried as one state. After a period doubling they are
 # this close only where the parameter is within the square of it, 1e-14, of the bifurcation.

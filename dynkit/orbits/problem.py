@@ -16,7 +16,8 @@ from dynkit.core.smooth_map import SmoothMap
 from dynkit.core.validation import Array, read_only
 from dynkit.orbits.equations import Problem, ProblemSolution
 from dynkit.orbits.multiplier_errors import multiplier_errors
-from dynkit.orbits.newton import NoSolution, orbit_bound
+from dynkit.orbits.newton import NoSolution
+from dynkit.orbits.solving import orbit_bound
 from dynkit.orbits.spectrum import Spectrum
 from dynkit.viewer.series import Series, series_of_states
 

@@ -10,8 +10,9 @@ from dynkit.core.validation import Array
 from dynkit.orbits.equations import Problem
 from dynkit.orbits.events import WatchedProblem
 from dynkit.orbits.multiplier_errors import multiplier_errors
-from dynkit.orbits.newton import NoSolution, orbit_bound
+from dynkit.orbits.newton import NoSolution
 from dynkit.orbits.problem import PeriodicProblem
+from dynkit.orbits.solving import orbit_bound
 from dynkit.testing.requirements import (
     require,
     require_derivative,

@@ -10,9 +10,10 @@ import numpy as np
 import pytest
 
 from dynkit.continuation.continuing import continue_orbit
-from dynkit.orbits.newton import NoConvergence, solve
+from dynkit.orbits.newton import NoConvergence
 from dynkit.orbits.periodic_orbit import periodic_orbit
 from dynkit.orbits.problem import PeriodicOrbit
+from dynkit.orbits.solving import solve
 from dynkit.systems import ImpactChain, Logistic
 from tests.continuation.families import Cycle, CycleProblem, Flat
 from tests.continuation.starts import flat, logistic

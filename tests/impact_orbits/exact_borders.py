@@ -9,7 +9,7 @@ import numpy as np
 from flint import arb, arb_mat, ctx
 
 from dynkit import Bifurcation, NoConvergence
-from dynkit.orbits.newton import solve
+from dynkit.orbits.solving import solve
 from dynkit.systems.impact.orbits.borders import Border, VanishingAcceleration
 from dynkit.systems.impact.orbits.itineraries.borders import (
     ChatterEnd,

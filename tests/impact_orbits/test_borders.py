@@ -13,7 +13,7 @@ from numpy.polynomial import Polynomial
 from dynkit import continue_orbit
 from dynkit.core.validation import Array
 from dynkit.orbits.events import Condition
-from dynkit.orbits.newton import solve
+from dynkit.orbits.solving import solve
 from dynkit.systems.impact.orbits.flights import smallest_minimum
 from dynkit.systems.impact.orbits.itineraries.equations import ItineraryEquations
 from dynkit.systems.impact.orbits.orbit import ImpactOrbit

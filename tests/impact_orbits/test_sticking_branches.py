@@ -18,7 +18,7 @@ from dynkit import continue_orbit
 from dynkit.continuation.bifurcations import Bifurcation
 from dynkit.continuation.branch import Branch
 from dynkit.core.validation import Array
-from dynkit.orbits.newton import solve
+from dynkit.orbits.solving import solve
 from dynkit.systems.impact.orbits.itineraries.borders import power_of
 from dynkit.systems.impact.orbits.itineraries.crossings import held_directions
 from dynkit.systems.impact.orbits.orbit import ImpactOrbit

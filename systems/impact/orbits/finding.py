@@ -12,7 +12,8 @@ import numpy as np
 from dynkit.core.cost import Cost
 from dynkit.core.progress import late_bar
 from dynkit.core.validation import Array, finite_array, positive_integer
-from dynkit.orbits.newton import FixedParameters, NoConvergence, correct, solve
+from dynkit.orbits.newton import NoConvergence, correct
+from dynkit.orbits.solving import FixedParameters, solve
 from dynkit.systems.impact.orbits.itineraries.equations import APART, LEAST, ItineraryEquations
 from dynkit.systems.impact.orbits.itineraries.guesses import (
     ascend,

@@ -13,7 +13,8 @@ from dynkit.core.smooth_map import proper_divisors
 from dynkit.core.validation import Array
 from dynkit.orbits.equations import Problem
 from dynkit.orbits.events import Condition, Event
-from dynkit.orbits.newton import NoSolution, orbit_bound
+from dynkit.orbits.newton import NoSolution
+from dynkit.orbits.solving import orbit_bound
 from dynkit.systems.impact.orbits.borders import Border
 from dynkit.systems.impact.orbits.itineraries import crossings, monodromy
 from dynkit.systems.impact.orbits.itineraries.borders import borders_of, named

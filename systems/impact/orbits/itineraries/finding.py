@@ -9,7 +9,8 @@ import numpy as np
 
 from dynkit.core.cost import Cost
 from dynkit.core.validation import Array, positive_integer
-from dynkit.orbits.newton import NoConvergence, NoSolution, solve
+from dynkit.orbits.newton import NoConvergence, NoSolution
+from dynkit.orbits.solving import solve
 from dynkit.systems.impact.orbits.itineraries.equations import ItineraryEquations
 from dynkit.systems.impact.orbits.itineraries.flying import flights_of
 from dynkit.systems.impact.orbits.itineraries.happening import Happening
