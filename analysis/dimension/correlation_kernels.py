@@ -288,3 +288,23 @@ def uncount_near_in_time(
                 found = bin_of(apart, edges)
                 shares[blocks[i], found] -= 1
                 shares[blocks[j], found] -= 1
+
+
+@kernel(entry=True)
+def count_of_lag(
+    points: Array, lag: int, turns: Array, euclidean: bool, edges: Array, counts: Integers
+) -> None:
+    """Count the pairs of rows that are one lag apart, by their distance: (k,), in place."""
+    counts[:] = 0
+    top = edges[edges.size - 1]
+    for i in range(points.shape[0] - lag):
+        total = 0.0
+        for k in range(points.shape[1]):
+            gap = abs(points[i, k] - points[i + lag, k])
+            if turns[k] > 0.0:
+                gap = min(gap, turns[k] - gap)
+            total = total + gap * gap if euclidean else max(total, gap)
+            if total > top:
+                break
+        if total <= top:
+            counts[bin_of(total, edges)] += 1

@@ -90,14 +90,14 @@ def error_by_lags(
         All lags that count. Of more than 500, a random choice represents them.
     euclidean : bool
     """
+    from dynkit.analysis.dimension.correlation_kernels import count_of_lag
+
     chosen = np.random.default_rng(0).permutation(lags)[:_LAGS]
-    total = 0.0
+    edges = radii * radii if euclidean else np.ascontiguousarray(radii)
+    total, counts = 0.0, np.empty(len(radii), dtype=np.int64)
     for lag in chosen.tolist():
-        gaps = abs(points[lag:] - points[:-lag])
-        gaps = np.where(turns > 0.0, np.minimum(gaps, turns - gaps), gaps)
-        sizes = np.linalg.norm(gaps, axis=1) if euclidean else gaps.max(axis=1)
-        sizes = np.sort(sizes[sizes <= radii[-1]])
-        total += float(np.searchsorted(sizes, radii, side="right") / pairs @ weights) ** 2
+        count_of_lag(points, lag, turns, euclidean, edges, counts)
+        total += float(np.cumsum(counts) / pairs @ weights) ** 2
     return float(np.sqrt(total * len(lags) / len(chosen)))
 
 
