@@ -149,7 +149,9 @@ class Flow(Family, ABC):
 
     def __init_subclass__(cls, **options: Any) -> None:
         own = "integral_gradient", "integral_parameter_derivative"
-        cls._following = {**cls._following, **dict.fromkeys(own, tuple(cls.integrals))}
+        names: Any = cls.integrals  # what is no tuple is refused later
+        names = names if isinstance(names, tuple) else ()
+        cls._following = {**cls._following, **dict.fromkeys(own, names)}
         super().__init_subclass__(**options)
 
     @property

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from fractions import Fraction
 from typing import Any
 
 import numpy as np
@@ -15,6 +16,8 @@ from tests.reference.random_cases import STARTS, Kept, random_case
 from tests.reference.random_sticking import FILE, random_sticking, sticking_orbit
 
 SYSTEMS, SEVERAL = 1500, 300
+
+_TURN = Fraction("6.283185307179586476925286766559005768394")
 
 
 def states_of_orbits(every: int) -> Iterator[tuple[float, float]]:
@@ -84,11 +87,16 @@ def _coefficients(orbit: ImpactOrbit, c: int, count: int) -> Array:
 
 
 def states_of_sticking_orbits(every: int) -> Iterator[tuple[float, float]]:
-    """Largest error of a place or a phase at a release."""
+    """Largest error of a place, or of a phase but for whole turns, at a release."""
     for orbit, exact, _ in sticking_orbits(every):
         found = np.concatenate([orbit.states[:, :-2], orbit.phases[:, None]], axis=1)
         high, low = exact
-        yield float(abs(found - high - low).max()), orbit.error
+        off = abs(found - high - low)
+        for k, parts in enumerate(zip(found[:, -1], high[:, -1], low[:, -1], strict=True)):
+            phase, *own = map(Fraction, map(float, parts))
+            gap = phase - sum(own)
+            off[k, -1] = abs(gap - round(gap / _TURN) * _TURN)
+        yield float(off.max()), orbit.error
 
 
 def sticking_orbits(every: int) -> Iterator[tuple[ImpactOrbit, Array, Any]]:

@@ -153,13 +153,12 @@ def guess_of(
             raise NoConvergence(_STUCK.format(system._elements[k]))
     driven = system._excitation.turns
     clock = system.frequency if driven else TWO_PI / length
-    phases = clock * seen.times + (0.0 if quiet else state.phase)
-    if driven:
-        phases -= TWO_PI * np.floor(phases[0] / TWO_PI)  # large ones have fewer digits
-    else:
+    phases, course = clock * seen.times + (0.0 if quiet else state.phase), Course(seen.events, (0,))
+    if not driven:
         phases -= phases[0]
         phases[0] = length
-    course = Course(seen.events, (0,))
+    elif course.sticks:  # found after many turns; large phases have fewer digits
+        phases -= TWO_PI * np.floor(phases[0] / TWO_PI)
     nodes = course.releases if course.sticks else tuple(range(periods)) if quiet else (0,)
     if nodes[:1] != (0,):
         raise NoConvergence(_HELD)
