@@ -218,6 +218,8 @@ class Mode:
 
     def sliders(self, states: Array) -> Array:
         """Places (k, J) of the sliders in states (k, 2, slots)."""
+        if self.bodies == len(self.forced.rest):
+            return np.empty((len(states), 0))
         return self.forced.positions(*self.parts(states))[..., self.bodies :]
 
     def after(self, starts: Array, which: Any, durations: Array) -> Array:

@@ -194,6 +194,8 @@ class Forced:
                 for k in modes[none & pushed].tolist():
                     self._own_links.append((k, turning, push[part, :, k].T))
                 solved = modes[~none & pushed]
+                if not len(solved):
+                    continue
                 own, low = (p[:, solved].T.reshape(-1, 2, 2) for p in (g, pairs.generator_low))
                 rate, pushes = w if turning else 0.0, push[part][..., solved]
                 response[part][..., solved] = _steady(own, low, rate, pushes, loses[solved])

@@ -34,10 +34,7 @@ def lifted(flow: Array, times: Array) -> Array:
         np.matmul(flow, powers[k - 1], out=powers[k])
     weights = (times * 0.5**halvings)[:, None] ** _POWERS / _FACTORIALS
     out = (weights @ powers.reshape(_TERMS, -1)).reshape(len(times), *flow.shape)
-    for k in range(int(halvings.max(initial=0))):
-        some = np.flatnonzero(halvings > k)
-        out[some] = 2.0 * out[some] + out[some] @ out[some]
-    return np.asarray(out)
+    return np.asarray(_squared(out, halvings, 0.0))
 
 
 def carried(flow: Any, states: Array, times: Array) -> Array:
@@ -133,10 +130,16 @@ def _doubled(matrices: Any, one: float) -> Any:
     for part in reversed(sums):
         out = out @ block + part
     with np.errstate(over="ignore", invalid="ignore"):
-        for k in range(int(halvings.max(initial=0))):
-            some = np.flatnonzero(halvings > k)
-            half = out[some]
-            out[some] = half @ half if one else half @ half + 2.0 * half
+        return _squared(out, halvings, one)
+
+
+def _squared(out: Any, times: NDArray[np.intp], one: float) -> Any:
+    """Square exponentials, (k, d, d), some times each, (k,); with `one` 0 those less 1."""
+    for k in range(int(times.max(initial=0))):
+        # without an index where all are squared
+        some = ... if (more := times > k).all() else np.flatnonzero(more)
+        half = out[some]
+        out[some] = half @ half if one else half @ half + 2.0 * half
     return out
 
 

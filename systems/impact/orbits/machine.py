@@ -58,6 +58,12 @@ def numbers_of(oscillator: DrivenStructure, modes: Sequence[Regimes] = ()) -> Ar
     return np.concatenate([np.ravel(part) for part in parts])
 
 
+def _beside_frequency(oscillator: DrivenStructure) -> tuple[Any, ...]:
+    """What all numbers but the frequency follow from."""
+    o = oscillator
+    return o._structure, o.harmonic_forces, o.constant_forces, o._elements
+
+
 def _numbers(element: Element) -> Array:
     """Motion and restitution of an element, and what each of its regimes does and watches."""
     own = [element.offset, element.amplitude, element.phase, element.drift]
@@ -241,9 +247,9 @@ class Machine:
 
     def __init__(self, oscillator: DrivenStructure, change: Array | None = None) -> None:
         self.size, self.changes = oscillator.degrees_of_freedom, change is not None
-        self.elements = oscillator._elements
+        self.elements, self._fixed = oscillator._elements, _beside_frequency(oscillator)
         self.free = Regimes((0,) * len(self.elements), ())
-        self._numbers = numbers = numbers_of(oscillator)
+        numbers = numbers_of(oscillator)
         if change is not None:
             numbers = numbers + 1j * STEP * change[: len(numbers)]
         self.frequency, forces, matrices, self._own, *_ = Numbers.split(oscillator, numbers)
@@ -259,22 +265,19 @@ class Machine:
 
     def like(self, oscillator: DrivenStructure) -> Machine:
         """That of another oscillator; it shares what it can where the frequency alone differs."""
-        numbers = numbers_of(oscillator)
-        same = oscillator._elements == self.elements
-        if same and np.array_equal(numbers[1:], self._numbers[1:]):
-            return self._turned(numbers[0], numbers)
-        return Machine(oscillator)
+        same = _beside_frequency(oscillator) == self._fixed
+        return self._turned(oscillator.frequency) if same else Machine(oscillator)
 
     def changed(self, oscillator: DrivenStructure, change: tuple[Array, Numbers]) -> Machine:
         """That of its oscillator with changes of the numbers, whole and in parts."""
         whole, parts = change
         if parts.clock_alone:
-            return self._turned(self.frequency + 1j * STEP * parts.frequency, self._numbers)
+            return self._turned(self.frequency + 1j * STEP * parts.frequency)
         return Machine(oscillator, whole)
 
-    def _turned(self, frequency: Any, numbers: Array) -> Machine:
+    def _turned(self, frequency: Any) -> Machine:
         out, known = copy(self), vars(self).get("_kept", {})
-        out.frequency, out._numbers, out.changes = frequency, numbers, np.iscomplexobj(frequency)
+        out.frequency, out.changes = frequency, np.iscomplexobj(frequency)
         vars(out)["_kept"] = {
             key: own for key, own in known.items() if key[0] in _LASTING or key[-1] is None
         }

@@ -155,6 +155,19 @@ def in_turn(angles: Any) -> Array:
     return np.where(turned < TWO_PI, turned, 0.0)
 
 
+def turning(angles: Array) -> Array:
+    """Sines and cosines of phases (k,), and ones: (k, 3)."""
+    out = np.ones((len(angles), 3))
+    out[:, 0], out[:, 1] = np.sin(angles), np.cos(angles)
+    return out
+
+
+def whole_states(mode: Any, states: Array, angles: Array) -> Array:
+    """Positions, velocities, places of sliders and `turning` (k, D) of states (k, 2, slots)."""
+    parts = *mode.motion(states), mode.sliders(states), turning(angles)
+    return np.concatenate(parts, axis=1)
+
+
 def on_stop(stop: HardStop, frequency: float, turn: Any, speed: Any) -> tuple[Any, Any]:
     """What a stop acts along, and its rate, on the stop: by phase and rate of the gap."""
     rate = stop.swing_rate(frequency, *turn) + stop.sign * speed

@@ -21,7 +21,7 @@ from dynkit.systems.impact.orbits.itineraries.happening import Happening
 from dynkit.systems.impact.orbits.itineraries.itinerary import way
 from dynkit.systems.impact.orbits.machine import Machine, Rubs
 from dynkit.systems.impact.simulation.runs import to_contact
-from dynkit.systems.impact.simulation.state import Motion, beside, state_at
+from dynkit.systems.impact.simulation.state import Motion, beside, state_at, whole_states
 from dynkit.systems.impact.simulation.trajectory import Trajectory, grouped
 
 CHUNK, TAYLOR_CHUNK, MOST = 128, 32, 8192
@@ -254,7 +254,7 @@ class Chatter:
         k, since, parts = self.element, self._since(self.after), list[Any]()
         row = m.gap(k).real
         lasts = self._flights_last
-        flown, ends = flights.lifted(since, lasts), flights.ends(since, lasts)
+        flown, ends = flights.lifted(since, lasts)
         moved = (flown @ since[:, :, None])[..., 0]
         rates = self._rates(m, ends @ m.rate(k).real)
         delays = -(row @ flown) / rates[:, None]
@@ -309,12 +309,11 @@ def _states(run: Trajectory, count: int) -> Array:
     log, system = run.log, run.start._system
     n = system.degrees_of_freedom
     out = np.empty((count, n + system._size + 3))
+    phases = run.start.phase + system.frequency * log.time[:count]
     for number, where in grouped(log.guard[:count]):
         mode = system._automaton.mode(run.regimes[int(run.guards[number, 0])])
         states = log.states[:count][where][..., : mode.layout.slots]
-        out[where, :-3] = np.concatenate([*mode.motion(states), mode.sliders(states)], axis=1)
-    phases = run.start.phase + system.frequency * log.time[:count]
-    out[:, -3:] = np.stack([np.sin(phases), np.cos(phases), np.ones(count)], axis=1)
+        out[where] = whole_states(mode, states, phases[where])
     return out
 
 
@@ -338,8 +337,7 @@ def _varying_steps(chatter: Chatter, machine: Machine, flights: Any) -> Steps:
     """
     k, since = chatter.element, chatter._since(chatter.after)
     lasts = chatter._flights_last
-    flown, added = flights.lifted(since, lasts), flights.carried(since, lasts)
-    ends = flights.ends(since, lasts)
+    (flown, ends), added = flights.lifted(since, lasts), flights.carried(since, lasts)
     near = [float(flights.rate_of(k, z)[0].real) for z in ends]
     rates = chatter._rates(machine, np.array(near))
     r, slopes, r_changed = machine.rebounds(k, rates)

@@ -14,12 +14,24 @@ Indices = NDArray[np.intp]
 @kernel(reorder=True)
 def _add_product(matrix: Array, changes: Array, out: Array) -> None:
     """Add a matrix times changes; most entries of an impact's matrix are zero."""
-    for i in range(matrix.shape[0]):
-        for j in range(matrix.shape[1]):
-            a = matrix[i, j]
-            if a != 0.0:
-                for k in range(changes.shape[1]):
-                    out[i, k] += a * changes[j, k]
+    rows, (d, columns) = matrix.shape[0], changes.shape
+    if columns == 1:
+        for j in range(d):
+            for i in range(rows):
+                out[i, 0] += matrix[i, j] * changes[j, 0]
+        return
+    blocks = d - d % 4
+    for i in range(rows):
+        for j in range(0, blocks, 4):
+            a, b, c, e = matrix[i, j], matrix[i, j + 1], matrix[i, j + 2], matrix[i, j + 3]
+            if a != 0.0 or b != 0.0 or c != 0.0 or e != 0.0:
+                for k in range(columns):
+                    two = a * changes[j, k] + b * changes[j + 1, k]
+                    out[i, k] += two + c * changes[j + 2, k] + e * changes[j + 3, k]
+        for j in range(blocks, d):
+            if matrix[i, j] != 0.0:
+                for k in range(columns):
+                    out[i, k] += matrix[i, j] * changes[j, k]
 
 
 @kernel(entry=True)

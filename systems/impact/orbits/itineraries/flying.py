@@ -10,7 +10,6 @@ from typing import TYPE_CHECKING, Any, final
 import numpy as np
 
 from dynkit.core.differences import STEP
-from dynkit.core.kept import kept
 from dynkit.core.no_motion import CannotFollow, Diverged
 from dynkit.core.validation import Array
 from dynkit.orbits.newton import NoSolution
@@ -55,18 +54,14 @@ class LinearFlights:
         first = self.machine.rate(element).real @ self._flow.real
         return states @ first, states @ (first @ self._flow.real)
 
-    @kept
-    def lifted(self, states: Array, times: Array) -> Array:  # noqa: ARG002
-        """Derivatives (n, D, D) less 1 of short flights."""
-        return lifted(self._flow.real, times)
+    def lifted(self, states: Array, times: Array) -> tuple[Array, Array]:
+        """Derivatives (n, D, D) less 1 of short flights, and states (n, D) after them."""
+        flown = lifted(self._flow.real, times)
+        return flown, states + (flown @ states[:, :, None])[..., 0]
 
     def carried(self, states: Array, times: Array) -> Array:
         """Changes (n, D) of states (n, D) after short flights by those of numbers."""
         return carried(self._flow, states, times)
-
-    def ends(self, states: Array, times: Array) -> Array:
-        """States (n, D) after flights over some times (n,)."""
-        return states + (self.lifted(states, times) @ states[:, :, None])[..., 0]
 
     def observed(self, element: int, guard: int, z: Any) -> tuple[Any, Any]:
         """What an element watches at a state, guard number `guard` of its regime; derivative (D,).
@@ -419,8 +414,8 @@ class TaylorFlights:
         series = np.array(found).reshape(len(states), -1)
         return 2.0 * series[:, 2], 6.0 * series[:, 3]
 
-    def lifted(self, states: Array, times: Array) -> Array:
-        """Derivatives (n, D, D) less 1 of short flights.
+    def lifted(self, states: Array, times: Array) -> tuple[Array, Array]:
+        """Derivatives (n, D, D) less 1 of short flights, and states (n, D) after them.
 
         From the begin and the end of short ones by Magnus' series, so that nothing cancels.
         """
@@ -434,14 +429,14 @@ class TaylorFlights:
             a, b = (self.tangent(there) for there in self.whole(self.path(z, lasts).states(places)))
             turned = math.sqrt(3.0) / 12.0 * lasts * (b @ a - a @ b)
             (out[i],) = lifted(0.5 * (a + b) + turned, np.array([lasts]))
-        return out
+        return out, self._ends(states, times)
 
     def carried(self, states: Array, times: Array) -> Array:
         """Changes (n, D) of states (n, D) after short flights by those of numbers."""
         found = [self.changed(*pair) for pair in zip(states, times, strict=True)]
         return np.array(found).reshape(states.shape)
 
-    def ends(self, states: Array, times: Array) -> Array:
+    def _ends(self, states: Array, times: Array) -> Array:
         """States (n, D) after flights over some times (n,)."""
         pairs = zip(states, times.tolist(), strict=True)
         found = [self.whole(self.path(z, lasts).states(np.array([lasts]))) for z, lasts in pairs]

@@ -21,6 +21,7 @@ from dynkit.systems.impact.orbits.itineraries.happening import Happening, Itiner
 from dynkit.systems.impact.orbits.machine import Machine, Regimes
 from dynkit.systems.impact.records.event_counts import element_names
 from dynkit.systems.impact.simulation.joined_modes import cycled_by, halts
+from dynkit.systems.impact.simulation.state import turning, whole_states
 from dynkit.systems.impact.simulation.trajectory import Ending, Trajectory
 
 if TYPE_CHECKING:
@@ -166,9 +167,9 @@ def events_seen(
     states: list[Array] = []
     at_once = _AT_ONCE * max(run.duration, 1.0 / oscillator.frequency)
     last, lasting, now = -np.inf, parts.mode[0], set[int]()
-    reached = _reached(run)
+    reached, amid = _reached(run)
     # states at events alone may all have a coordinate of zero
-    sizes = abs(np.concatenate([reached, _reached(run, 0.5)])).max(axis=0, initial=0.0)
+    sizes = np.maximum(abs(reached), abs(amid)).max(axis=0, initial=0.0)
     own = zip(parts.kind.tolist(), parts.begin.tolist(), parts.guard.tolist(), strict=True)
     modes = parts.mode.tolist()
     for k, (kind, begin, at) in enumerate(own):
@@ -284,8 +285,7 @@ def _name(
     while begin and events[begin - 1] == last:
         begin -= 1
     phases = run.start.phase + run.start._system.frequency * np.array(times[begin:])
-    turn = np.stack([np.sin(phases), np.cos(phases), np.ones_like(phases)], axis=1)
-    z = np.concatenate([np.array(states[begin:]), turn], axis=1)
+    z = np.concatenate([np.array(states[begin:]), turning(phases)], axis=1)
     moving = flights_of(run.start._system, machine, last.mode)
     rates = np.array([moving.rate_of(k, state)[0] for state in z])
     jumps = -(1.0 + machine.rebounds(k, rates)[0]) * rates
@@ -304,18 +304,18 @@ def _name(
     events[-1] = last._replace(chatters=True)
 
 
-def _reached(run: Trajectory, part: float = 1.0) -> Array:
-    """States (k, D) just before all events, or after a part of the time from one to the next."""
-    parts, lasts = run.segments, part * np.diff(run.segments.begin)
-    times = parts.begin[1:] - (np.diff(parts.begin) - lasts)
-    phases = run.start.phase + run.start._system.frequency * times
-    system = run.start._system
-    out = np.empty((len(lasts), system.degrees_of_freedom + system._size + 3))
+def _reached(run: Trajectory) -> Array:
+    """States (2, k, D) just before all events, and half-way to them."""
+    parts, system, between = run.segments, run.start._system, np.diff(run.segments.begin)
+    lasts = np.stack([between, 0.5 * between])
+    phases = run.start.phase + system.frequency * (parts.begin[1:] - (between - lasts))
+    out = np.empty((*lasts.shape, system.degrees_of_freedom + system._size + 3))
     for mode, here in run.modes(parts.mode[:-1]):
         some = np.flatnonzero(here)
-        states = mode.after(parts.of(mode, some), np.arange(len(some)), lasts[here])
-        out[here, :-3] = np.concatenate([*mode.motion(states), mode.sliders(states)], axis=1)
-    out[:, -3:] = np.stack([np.sin(phases), np.cos(phases), np.ones_like(phases)], axis=1)
+        which = np.tile(np.arange(len(some)), 2)
+        states = mode.after(parts.of(mode, some), which, lasts[:, here].ravel())
+        found = whole_states(mode, states, phases[:, here].ravel())
+        out[:, here] = found.reshape(2, len(some), -1)
     return out
 
 

@@ -49,9 +49,14 @@ class LinearSolution(ShootingSolution):
     @cached_property
     def _gained(self) -> Array:
         assert self._still is not None
-        begun = np.array([self._still.begun(i) for i in range(self.events)])
-        late = [self._still._late(i) for i in range(self.events)]
-        return gained(self.flows, begun, self.durations.real - late, self.measures)
+        out, d = np.zeros((self.events, len(self.measures))), self.dimension
+        # phases are given: changes of theirs count where they act on the state
+        acting = self.flows[:, :d].imag.any(axis=2) | self.flows[:, :d, d:-1].any(axis=2)
+        own = np.flatnonzero(acting.any(axis=1)).tolist()
+        begun = np.array([self._still.begun(i) for i in own]).reshape(-1, len(self.measures))
+        lasts = self.durations.real[own] - [self._still._late(i) for i in own]
+        out[own] = gained(self.flows[own], begun, lasts, self.measures)
+        return out
 
     @kept
     def flights(self, mode: Regimes) -> LinearFlights:

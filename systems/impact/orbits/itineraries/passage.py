@@ -10,6 +10,7 @@ import numpy as np
 
 from dynkit.core.differences import STEP
 from dynkit.core.validation import Array
+from dynkit.exponential.propagators import padded
 from dynkit.orbits.newton import NoSolution
 from dynkit.systems.impact.orbits.itineraries import divided
 from dynkit.systems.impact.orbits.itineraries.chatter import Chatter
@@ -20,7 +21,7 @@ from dynkit.systems.impact.orbits.itineraries.motion import ItinerarySolution, L
 from dynkit.systems.impact.orbits.itineraries.simulated import is_motion
 from dynkit.systems.impact.orbits.machine import Machine, Regimes
 from dynkit.systems.impact.simulation.sampling import sample_run, sample_sliders
-from dynkit.systems.impact.simulation.state import TWO_PI
+from dynkit.systems.impact.simulation.state import TWO_PI, turning
 
 ROUNDING = 2.0**-52
 """Relative, of a number."""
@@ -81,8 +82,7 @@ class Passage(ItinerarySolution):
     @cached_property
     def _turning(self) -> Array:
         """Sine and cosine of the phases of the events, and one: (n, 3)."""
-        phases = self.event_phases
-        return np.stack([np.sin(phases), np.cos(phases), np.ones_like(phases)], axis=1)
+        return turning(self.event_phases)
 
     @cached_property
     def transitions(self) -> Any:
@@ -92,16 +92,18 @@ class Passage(ItinerarySolution):
         """
         out = self._flown.copy()
         for i, chatter in self.chatters.items():
-            changes, later = self._carried(i, chatter, np.eye(len(out[i])))
-            (rate,) = self.flights(self.following[i].mode).rates(chatter.begin[None])
-            out[i] = out[i] @ (changes - rate[:, None] * later)
+            d = len(out[i])
+            out[i] = out[i] @ self._carried(i, chatter, np.eye(d, padded(d)))[:, :d]
         return out
 
-    def _carried(self, i: int, chatter: Chatter, changes: Array) -> tuple[Array, Array]:
+    def _carried(self, i: int, chatter: Chatter, changes: Array) -> Any:
+        """Changes (D, k) of states in contact at one time, by those just after event `i`."""
         flying = self.itinerary[i].kicked
         assert flying is not None
-        flights = self.flights(flying), self.flights(self.following[i].mode)
-        return chatter.carried(self.machine, *flights, changes)
+        flights, held = self.flights(flying), self.flights(self.following[i].mode)
+        changes, later = chatter.carried(self.machine, flights, held, changes)
+        (rate,) = held.rates(chatter.begin[None])
+        return changes - rate[:, None] * later
 
     @property
     def _flown(self) -> Any:
@@ -134,9 +136,9 @@ class Passage(ItinerarySolution):
         """State (D,) with which contact begins, and its imaginary changes at a given time."""
         if not np.iscomplexobj(state):
             return chatter.begin
-        changes, later = self._carried(i, chatter, state.imag[:, None] / STEP)
-        (rate,) = self.flights(self.following[i].mode).rates(chatter.begin[None])
-        return chatter.begin + 1j * STEP * (changes[:, 0] - rate * later)
+        return (
+            chatter.begin + 1j * STEP * self._carried(i, chatter, state.imag[:, None] / STEP)[:, 0]
+        )
 
     @cached_property
     def _modes(self) -> list[Any]:
@@ -215,6 +217,7 @@ class Passage(ItinerarySolution):
 
     @cached_property
     def _watched(self) -> tuple[Any, Any]:
+        """What is zero at the events, (n,), and `guards`."""
         rows = np.zeros_like(self.before)
         values = rows[:, 0].copy()
         for i, (event, z) in enumerate(zip(self.itinerary, self.before, strict=True)):
@@ -231,11 +234,6 @@ class Passage(ItinerarySolution):
     def guards(self) -> Any:
         """Rows (n, D) of what is zero at the events; zero where a period begins."""
         return self._watched[1]
-
-    @property
-    def guarded(self) -> Any:
-        """What is zero at the events, (n,)."""
-        return self._watched[0]
 
     @cached_property
     def _approach(self) -> tuple[Any, Any]:
@@ -377,8 +375,7 @@ class Passage(ItinerarySolution):
         begin = (self.event_phases - self.event_phases[0]) / self.clock
         which = np.clip(np.searchsorted(begin, since, side="right") - 1, 0, None)
         after, out = since - begin[which], np.empty((len(since), self.dimension))
-        turned = self.event_phases[0] + self.clock * since
-        turns = np.stack([np.sin(turned), np.cos(turned), np.ones_like(turned)], axis=1)
+        turns = turning(self.event_phases[0] + self.clock * since)
         for i in np.unique(which).tolist():
             z = np.concatenate([self._passed(i, after[which == i]), turns[which == i]], axis=1)
             out[which == i] = self._stilled(i, z)[:, :-3]

@@ -23,7 +23,7 @@ class ShootingSolution(Passage):
     @property
     def left(self) -> Any:
         """What is left of the equations, (m,)."""
-        found = self.guarded.copy()
+        found = self._watched[0].copy()
         for i, event in enumerate(self.itinerary):
             if event.element < 0:
                 turns = np.rint(self.event_phases[i] / TWO_PI)

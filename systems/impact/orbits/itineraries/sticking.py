@@ -20,6 +20,7 @@ from dynkit.systems.impact.simulation.state import (
     ImpactState,
     Motion,
     state_at,
+    turning,
     without_shift,
 )
 
@@ -102,16 +103,15 @@ def _starts(oscillator: ImpactMap) -> Iterator[ImpactState]:
         motions = simulated_motions(oscillator)
         yield from (record.final for record in motions if len(record.sticking))
         return
-    phases = np.linspace(0.0, TWO_PI, 720, endpoint=False)
+    turns = turning(np.linspace(0.0, TWO_PI, 720, endpoint=False))
     random, m = np.random.default_rng(0), Machine(oscillator)
-    turning = np.stack([np.sin(phases), np.cos(phases), np.ones_like(phases)], axis=1)
     for side in range(len(oscillator._stops)):
         closed, others = m.closed(side), oscillator._others[side]
-        places, motion = np.append(others, m.size + others), turning @ _steady(m, side).T
+        places, motion = np.append(others, m.size + others), turns @ _steady(m, side).T
         size = abs(motion[:, places]).max(axis=0)
         put = m.caught(m.free, closed) @ m.put_on(side)
         for k in range(STARTS):
-            z = np.concatenate([motion, turning], axis=1)
+            z = np.concatenate([motion, turns], axis=1)
             z[:, places] += size * random.uniform(-1.0, 1.0, len(size)) if k else 0.0
             z = z @ put.T
             force = z @ m.force(closed, side)
