@@ -3,8 +3,6 @@
 import math
 from typing import Any
 
-import numpy as np
-
 from dynkit.core.jit import kernel
 
 _EPSILON = 2.0**-52
@@ -14,37 +12,34 @@ _STRICT, _NEIGHBOURS, _MOST = 12, 30, 200
 
 
 @kernel(inline=True)
-def rotation(a: complex, b: complex) -> tuple[float, complex]:
-    """Return c, s with [[c, s], [-conj(s), c]] (a, b) = (r, 0), unitary, c real."""
+def rotation(a: float, b: float) -> tuple[float, float]:
+    """Return c, s with [[c, s], [-s, c]] (a, b) = (r, 0)."""
     if b == 0.0:
-        return 1.0, 0.0j
-    x, y = abs(a), abs(b)
-    if x == 0.0:
-        return 0.0, np.conj(b) / y
-    h = math.hypot(x, y)
-    return x / h, (a / x) * (np.conj(b) / h)
+        return 1.0, 0.0
+    h = math.hypot(a, b)
+    return a / h, b / h
 
 
 @kernel(inline=True)
-def turn_rows(m: Any, i: int, c: float, s: complex, first: int, last: int) -> None:
+def turn_rows(m: Any, i: int, c: float, s: float, first: int, last: int) -> None:
     """Multiply rows i, i + 1 by the rotation, in columns first to last; in place."""
     for j in range(first, last + 1):
         above, below = m[i, j], m[i + 1, j]
         m[i, j] = c * above + s * below
-        m[i + 1, j] = c * below - np.conj(s) * above
+        m[i + 1, j] = c * below - s * above
 
 
 @kernel(inline=True)
-def turn_columns(m: Any, i: int, c: float, s: complex, first: int, last: int) -> None:
+def turn_columns(m: Any, i: int, c: float, s: float, first: int, last: int) -> None:
     """Multiply columns i, i + 1 by the rotation's inverse, in rows first to last; in place."""
     for j in range(first, last + 1):
         left, right = m[j, i], m[j, i + 1]
-        m[j, i] = c * left + np.conj(s) * right
+        m[j, i] = c * left + s * right
         m[j, i + 1] = c * right - s * left
 
 
 @kernel()
-def pass_on(t: Any, i: int, c: float, s: complex, low: int, high: int, reach: int) -> None:
+def pass_on(t: Any, i: int, c: float, s: float, low: int, high: int, reach: int) -> None:
     """Carry a rotation of the last factor's rows i, i + 1 through all factors to its columns.
 
     All other factors remain triangular. The last factor's columns are rotated in rows low to reach.
@@ -60,7 +55,7 @@ def pass_on(t: Any, i: int, c: float, s: complex, low: int, high: int, reach: in
 
 
 @kernel()
-def pass_back(t: Any, i: int, c: float, s: complex, low: int, high: int) -> None:
+def pass_back(t: Any, i: int, c: float, s: float, low: int, high: int) -> None:
     """Carry a rotation of the last factor's columns i, i + 1 back through all to its rows."""
     last = t.shape[0] - 1
     for k in range(last - 1, -1, -1):
@@ -114,95 +109,114 @@ def split_at_zero(t: Any, j: int, low: int, high: int, cosines: Any, sines: Any)
         h[low + 1, low] = 0.0
 
 
-@kernel(inline=True)
-def scaled(z: complex) -> tuple[complex, int]:
-    """Return z divided by a power of two near its modulus, and the exponent."""
-    size = abs(z)
-    if size == 0.0 or not size < math.inf:
-        return z, 0
-    _, e = math.frexp(size)
-    # in two steps, as the power itself may overflow
-    half = e // 2
-    return z * math.ldexp(1.0, -half) * math.ldexp(1.0, half - e), e
-
-
 @kernel()
-def shift(t: Any, high: int, low: int, w: Any, exceptional: bool) -> tuple[complex, int]:
-    """Return an eigenvalue of the product's last two rows and columns, over 2^e, and e.
+def product_of_corners(t: Any, first: int, size: int, w: Any) -> int:
+    """Write into w, over 2^e, the product of the same rows and columns of the triangular factors.
 
-    `w`, (3, 3), is overwritten.
+    Returns
+    -------
+    int
+        The exponent e.
     """
-    last = t.shape[0] - 1
-    base = max(low, high - 2)
-    size = high - base + 1
     for r in range(size):
         for q in range(size):
             w[r, q] = 1.0 if r == q else 0.0
     e = 0
-    for k in range(last):
+    for k in range(t.shape[0] - 1):
         largest = 0.0
         for r in range(size):
             for q in range(r, size):
-                entry = 0.0j
+                entry = 0.0
                 for p in range(r, q + 1):
-                    entry += t[k, base + r, base + p] * w[p, q]
+                    entry += t[k, first + r, first + p] * w[p, q]
                 w[r, q] = entry
                 largest = max(largest, abs(entry))
-        if largest == 0.0:
-            return 0.0j, 0
         _, more = math.frexp(largest)
         e += more
         for r in range(size):
             for q in range(r, size):
                 w[r, q] *= math.ldexp(1.0, -more)
-    h = t[last]
-    a = b = c = d = 0.0j
+    return e
+
+
+@kernel()
+def shift(t: Any, high: int, low: int, w: Any, exceptional: bool) -> tuple[float, float, int]:
+    """Return an eigenvalue of the product's last two rows and columns, over 2^e.
+
+    It is x + iy, where y is zero or there is another one, x - iy. `w`, (3, 3), is overwritten.
+
+    Returns
+    -------
+    x, y : float
+    e : int
+    """
+    h = t[t.shape[0] - 1]
+    base = max(low, high - 2)
+    size = high - base + 1
+    e = product_of_corners(t, base, size, w)
+    a = b = c = d = 0.0
     for p in range(size):
         a += h[high - 1, base + p] * w[p, size - 2]
         b += h[high - 1, base + p] * w[p, size - 1]
         c += h[high, base + p] * w[p, size - 2]
         d += h[high, base + p] * w[p, size - 1]
     if exceptional:
-        return d + 0.75 * abs(c) * (1.0 + 0.5j), e
+        return d + 0.75 * abs(c), 0.375 * abs(c), e
     half = 0.5 * (a - d)
-    root = np.sqrt(half * half + b * c)
-    large = half + root if abs(half + root) >= abs(half - root) else half - root
+    square = half * half + b * c
+    if square < 0.0:
+        return 0.5 * (a + d), math.sqrt(-square), e
+    large = half + math.copysign(math.sqrt(square), half)
     if large == 0.0:
-        return d, e
+        return d, 0.0, e
     value = d - b * c / large
     # without shift a large eigenvalue moves above a small one: in this order both remain accurate
     if abs(a + d - value) < 1e-4 * abs(value):
-        return 0.0j, e
-    return value, e
+        return 0.0, 0.0, e
+    return value, 0.0, e
 
 
 @kernel()
 def sweep(t: Any, low: int, high: int, w: Any, exceptional: bool) -> None:
-    """Take one step of the algorithm in rows and columns low to high; in place."""
-    last = t.shape[0] - 1
-    h = t[last]
-    product, e = 1.0 + 0.0j, 0
-    for k in range(last):
-        product, more = scaled(product * t[k, low, low])
-        e += more
-    value, its = shift(t, high, low, w, exceptional)
+    """Take one step of the algorithm in rows and columns low to high; in place.
+
+    A shift that is not real is taken together with its conjugate: the first column is that of
+    (P - x)^2 + y^2, with three entries.
+    """
+    h = t[t.shape[0] - 1]
+    re, im, its = shift(t, high, low, w, exceptional)
+    e = product_of_corners(t, low, 2, w)
     largest = max(e, its)
-    product *= math.ldexp(1.0, max(e - largest, -2000))
-    value *= math.ldexp(1.0, max(its - largest, -2000))
-    x, y = h[low, low] * product, h[low + 1, low] * product
+    own = math.ldexp(1.0, max(e - largest, -2000))
+    others = math.ldexp(1.0, max(its - largest, -2000))
+    re, im = re * others, im * others
+    x, y, z = h[low, low] * w[0, 0] * own, h[low + 1, low] * w[0, 0] * own, 0.0
+    width = 1
     # a shift that is much larger than the product's first column would remove all its digits
-    if abs(value) < 1e8 * (abs(x) + abs(y)):
-        x -= value
-    else:
+    if not math.hypot(re, im) < 1e8 * (abs(x) + abs(y)):
         x, y = h[low, low], h[low + 1, low]
-    c, s = rotation(x, y)
-    turn_rows(h, low, c, s, low, high)
-    pass_on(t, low, c, s, low, high, min(low + 2, high))
-    for i in range(low + 1, high):
-        c, s = rotation(h[i, i - 1], h[i + 1, i - 1])
-        turn_rows(h, i, c, s, i - 1, high)
-        h[i + 1, i - 1] = 0.0
-        pass_on(t, i, c, s, low, high, min(i + 2, high))
+    elif im == 0.0:
+        x -= re
+    else:
+        width = 2
+        right = (h[low, low] * w[0, 1] + h[low, low + 1] * w[1, 1]) * own
+        below = (h[low + 1, low] * w[0, 1] + h[low + 1, low + 1] * w[1, 1]) * own
+        if low + 2 <= high:
+            z = y * (h[low + 2, low + 1] * w[1, 1] * own)
+        x, y = (x - re) ** 2 + im**2 + right * y, y * (x + below - 2.0 * re)
+    for j in range(low - 1, high - 1):
+        for i in range(min(j + width, high - 1), j, -1):
+            if j >= low:
+                c, s = rotation(h[i, j], h[i + 1, j])
+            elif i > low:
+                c, s = rotation(y, z)
+                y = c * y + s * z
+            else:
+                c, s = rotation(x, y)
+            turn_rows(h, i, c, s, max(j, low), high)
+            if j >= low:
+                h[i + 1, j] = 0.0
+            pass_on(t, i, c, s, low, high, min(i + 1 + width, high))
 
 
 @kernel(inline=True)
@@ -224,16 +238,16 @@ def eigenvalues(t: Any, mantissas: Any, exponents: Any, w: Any, cosines: Any, si
 
     C. F. Van Loan, A general matrix eigenvalue algorithm, SIAM J. Numer. Anal. 12 (1975) 819-834;
     A. Bojanczyk, G. H. Golub, P. Van Dooren, The periodic Schur decomposition, Proc. SPIE 1770
-    (1992) 31-42; here in complex arithmetic with single shifts.
+    (1992) 31-42; here by rotations, with one shift for real and two for other eigenvalues.
 
     Parameters
     ----------
-    t : (n, d, d) complex
+    t : (n, d, d) float
         Overwritten.
     mantissas, exponents : (d,) complex and int64
         Overwritten: the eigenvalues are mantissas 2^exponents.
-    w : (3, 3) complex
-    cosines, sines : (d,) float and complex
+    w : (3, 3) float
+    cosines, sines : (d,) float
         Buffers.
 
     Returns
@@ -249,13 +263,18 @@ def eigenvalues(t: Any, mantissas: Any, exponents: Any, w: Any, cosines: Any, si
         for j in range(d):
             norm = max(norm, abs(h[i, j]))
     high, steps = d - 1, 0
-    while high > 0:
+    while high >= 0:
         low = high
         while low > 0 and not negligible(h, low, steps, norm):
             low -= 1
         if low > 0:
             h[low, low - 1] = 0.0
         if low == high:
+            z, e = math.frexp(h[high, high])
+            for k in range(last):
+                z, more = math.frexp(z * t[k, high, high])
+                e += more
+            mantissas[high], exponents[high] = z, e
             high, steps = high - 1, 0
             continue
         zero = -1
@@ -266,47 +285,15 @@ def eigenvalues(t: Any, mantissas: Any, exponents: Any, w: Any, cosines: Any, si
         if zero >= 0:
             split_at_zero(t, zero, low, high, cosines, sines)
             continue
+        if low == high - 1:
+            x, y, e = shift(t, high, low, w, False)
+            if y > 0.0:
+                mantissas[low], mantissas[high] = complex(x, y), complex(x, -y)
+                exponents[low] = exponents[high] = e
+                high, steps = high - 2, 0
+                continue
         if steps == _MOST:
             return 1
         steps += 1
         sweep(t, low, high, w, steps % 10 == 0)
-    for j in range(d):
-        z, e = scaled(h[j, j])
-        for k in range(last):
-            z, more = scaled(z * t[k, j, j])
-            e += more
-        mantissas[j], exponents[j] = z, e
     return 0
-
-
-@kernel(entry=True)
-def pair_conjugates(order: Any, mantissas: Any, exponents: Any) -> None:
-    """Round eigenvalues to real numbers and exact conjugate pairs, in place.
-
-    Each, in the given order (d,), is paired with the nearest one left that is its conjugate within
-    the change that makes both of them real. The order is overwritten: -1 for each that is done.
-    """
-    for first in range(order.shape[0]):
-        i = order[first]
-        if i < 0:
-            continue
-        here, other, least = mantissas[i], -1, math.inf
-        for later in range(first + 1, order.shape[0]):
-            j = order[later]
-            if j < 0 or not mantissas[j].imag * here.imag < 0.0:
-                continue
-            apart = exponents[j] - exponents[i]
-            if abs(apart) <= 1:
-                there = np.conj(mantissas[j]) * 2.0**apart
-                distance = abs(there - here)
-                if distance < min(least, abs(here.imag) + abs(there.imag)):
-                    other, least = later, distance
-        if other < 0:
-            mantissas[i] = complex(math.copysign(abs(here), here.real), 0.0)
-            continue
-        j = order[other]
-        order[other] = -1
-        there = np.conj(mantissas[j]) * 2.0 ** (exponents[j] - exponents[i])
-        mantissas[i] = 0.5 * (here + there)
-        mantissas[j] = np.conj(mantissas[i])
-        exponents[j] = exponents[i]

@@ -105,7 +105,7 @@ def _eigenvalues(factors: Any) -> tuple[Any, Any]:
     if a.shape[1] == 1:
         mantissas, exponents = _product(a[:, 0, 0])
     else:
-        mantissas, exponents = _closed_under_conjugation(*_by_periodic_qr(a))
+        mantissas, exponents = _by_periodic_qr(a)
     return _sorted(mantissas, exponents + int(sizes.sum()))
 
 
@@ -125,14 +125,14 @@ def _by_periodic_qr(a: Array) -> tuple[Any, Any]:
     for _ in range(_ROUNDS):
         for factor in a:
             basis, _ = _qr(factor @ basis)
-    t = np.zeros((n, d, d), dtype=complex)
+    t = np.zeros((n, d, d))
     turned, upper = basis, np.triu(np.ones((d, d)))
     for k in range(n - 1):
         turned, triangle = _qr(a[k] @ turned)
         np.multiply(triangle, upper, out=t[k])
     t[n - 1] = basis.T @ (a[n - 1] @ turned)
     mantissas, exponents = np.empty(d, dtype=complex), np.empty(d, dtype=np.int64)
-    buffers = np.empty((3, 3), dtype=complex), np.empty(d), np.empty(d, dtype=complex)
+    buffers = np.empty((3, 3)), np.empty(d), np.empty(d)
     if eigenvalues(t, mantissas, exponents, *buffers):
         raise ArithmeticError("the periodic QR algorithm must converge; it did not")
     return mantissas, exponents
@@ -143,15 +143,6 @@ def _qr(matrix: Array) -> tuple[Array, Array]:
     found, scales, _, _ = dgeqrf(matrix)
     basis, _, _ = dorgqr(found, scales)
     return basis, found
-
-
-def _closed_under_conjugation(found: Any, powers: Any) -> tuple[Any, Any]:
-    """Return the eigenvalues, rounded to real numbers and exact conjugate pairs."""
-    from dynkit.orbits.multiplier_kernels import pair_conjugates
-
-    turned = np.argsort(-abs(found.imag) / np.where(found == 0.0, 1.0, abs(found)))
-    pair_conjugates(turned, found, powers)
-    return found, powers
 
 
 def _sorted(mantissas: Any, exponents: Any) -> tuple[Any, Any]:
