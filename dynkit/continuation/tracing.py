@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, field
+from itertools import pairwise
 from typing import final
 
 import numpy as np
@@ -88,28 +89,39 @@ def trace(problem: Problem, curve: Continuation, inadmissible: bool) -> Trace:
                 found.ending = _ends(Reason.RETRACED, point)
                 break
         found.points.append(point)
-    for index, middle, after in unnoticed(curve, found.points):
-        _insert(problem, curve, found, index, middle, after)
-        if not inadmissible and not middle.seen.admissible:
-            found.ending = _ends(Reason.INADMISSIBLE, middle)
-            del found.points[index + 1 :]
-            found.located = [entry for entry in found.located if entry[0] <= index + 1]
+    for index, after in unnoticed(curve, found.points):
+        _insert(problem, curve, found, index, after)
+        for last in range(index, index + len(after)):
+            point = found.points[last + 1]
+            if not inadmissible and not point.seen.admissible:
+                found.ending = _ends(Reason.INADMISSIBLE, point)
+                del found.points[last + 1 :]
+                found.located = [entry for entry in found.located if entry[0] <= last + 1]
+                break
     return found
 
 
 def _insert(
-    problem: Problem, curve: Continuation, found: Trace, index: int, middle: Point, after: Point
+    problem: Problem, curve: Continuation, found: Trace, index: int, after: list[Point]
 ) -> None:
-    """Insert the bifurcations beside a point after number `index`, and the point, if there are."""
-    before = found.points[index]
+    """Insert the bifurcations after point number `index`, and the points that separate them.
+
+    They take the place of those that were found without these points.
+    """
     here = [
         (index + k + part, located, end.y - begin.y)
-        for k, (begin, end) in enumerate(((before, middle), (middle, after)))
+        for k, (begin, end) in enumerate(pairwise([found.points[index], *after]))
         for part, located in _between(problem, curve, begin, end)
     ]
-    if here:
-        found.points[index + 1 : index + 2] = [middle, after]
-        here += [(at + (at >= index + 1), it, way) for at, it, way in found.located]
+    known = [it for at, it, _ in found.located if index <= at <= index + 1]
+    if not all(any(_same(it, other) for other in known) for _, it, _ in here):
+        found.points[index + 1 : index + 2] = after
+        late = len(after) - 1
+        here += [
+            (at + late * (at >= index + 1), it, way)
+            for at, it, way in found.located
+            if not any(_same(it, other) for _, other, _ in here)
+        ]
         found.located = sorted(here, key=lambda entry: entry[0])
 
 

@@ -31,45 +31,63 @@ _MOST = 32
 _FAR = 1e150
 
 
-def unnoticed(curve: Continuation, points: Sequence[Point]) -> Iterator[tuple[int, Point, Point]]:
-    """Yield the numbers of points before pairs, points between the two, and those after them.
+def unnoticed(curve: Continuation, points: Sequence[Point]) -> Iterator[tuple[int, list[Point]]]:
+    """Yield the numbers of points before pairs, and the points after these that separate them.
 
-    From the last to the first. The points know the bifurcations since the points before them.
+    From the last to the first; the last of the points is the one that followed before. The points
+    know the bifurcations since the points before them.
     """
     for i, part in reversed(list(enumerate(_turns(points)))):
-        if not (math.isnan(part) or points[i + 1].seen.crossings):
+        if not math.isnan(part):
             found = _between(curve, points[i], points[i + 1], part)
-            if found is not None:
-                yield i, *found
+            if found:
+                yield i, found
 
 
-def _between(
-    curve: Continuation, before: Point, after: Point, part: float
-) -> tuple[Point, Point] | None:
-    """A point between two at which a test function has the other sign, and the second of the two.
+def _between(curve: Continuation, before: Point, after: Point, part: float) -> list[Point]:
+    """Points from between two to the second: between them a test function has the other sign.
 
-    The first one that is tried is at a part of the step.
+    The first one that is tried is at a part of the step. Empty where there is none.
     """
     known, places = [before, after], [0.0, 1.0]
     for _ in range(_TRIES):
         middle = curve.between(before, after, part)
         if isinstance(middle, Failure):
-            return None
-        middle, clear = curve.accept(before, middle)
-        if middle.seen is None or not clear:
-            return None
-        if middle.seen.crossings:
-            after, clear = curve.accept(middle, after)
-            return (middle, after) if clear else None
+            return []
+        first = _separated(curve, before, middle)
+        rest = _separated(curve, first[-1], after) if first else []
+        if not rest:
+            return []
+        found, middle = first + rest, first[-1]
+        if sum(len(each.seen.crossings) for each in found) > len(after.seen.crossings):
+            return found
         at = int(np.searchsorted(places, part))
         known.insert(at, middle)
         places.insert(at, part)
         parts = _turns(known)
         if np.isnan(parts).all():
-            return None
+            return []
         at = int(np.flatnonzero(~np.isnan(parts))[0])
         part = places[at] + float(parts[at]) * (places[at + 1] - places[at])
-    return None
+    return []
+
+
+def _separated(curve: Continuation, before: Point, after: Point) -> list[Point]:
+    """Accepted points from the first to the second, between which bifurcations are separate.
+
+    Empty where there is no such point.
+    """
+    after, clear = curve.accept(before, after)
+    if after.seen is None:
+        return []
+    if clear:
+        return [after]
+    middle = curve.between(before, after, 0.5)
+    if isinstance(middle, Failure):
+        return []
+    first = _separated(curve, before, middle)
+    rest = _separated(curve, first[-1], after) if first else []
+    return first + rest if rest else []
 
 
 def _turns(points: Sequence[Point]) -> Array:

@@ -30,6 +30,18 @@ class Turning(SymbolicMap):
         return size * (0.6 * x - 0.8 * y), size * (0.8 * x + 0.6 * y)
 
 
+class DoublingBesideTurning(SymbolicMap):
+    """A pair of PD, and NS at p = `turning`."""
+
+    p: float = -0.93
+    turning: float = 0.0
+
+    def next_state(self, x: Any, y: Any, z: Any) -> Any:
+        size = 1.0 + self.p - self.turning - y**2 - z**2
+        line = -(1.0 + NARROW - self.p**2) * x + x**3
+        return line, size * (0.6 * y - 0.8 * z), size * (0.8 * y + 0.6 * z)
+
+
 class Oscillating(SymbolicFlow):
     p: float = -0.93
 
@@ -66,6 +78,19 @@ def test_both_of_a_pair_are_found_wherever_the_branch_begins(
     assert not branch.stable[between].any()
     assert between.sum() > 0
     assert len(branch) < 60
+
+
+@pytest.mark.parametrize("start", [-0.93, -0.9, -0.87, 0.71])
+@pytest.mark.parametrize("turning", [-0.03, -0.014, -0.003, 0.006, 0.025])
+def test_a_pair_is_found_beside_a_bifurcation_of_another_kind(turning: float, start: float) -> None:
+    system = DoublingBesideTurning(p=start, turning=turning)
+    branch = continue_orbit(started(system), "p", bounds=(-1.0, 1.0))
+    narrow = np.sqrt(NARROW)
+    exact = sorted([(-narrow, "PD"), (narrow, "PD"), (turning, "NS")])
+    assert [str(found.kind) for found in branch.bifurcations] == [kind for _, kind in exact]
+    values = [value for value, _ in exact]
+    assert [found.value for found in branch.bifurcations] == pytest.approx(values, abs=1e-10)
+    assert len(branch) < 70
 
 
 def test_two_folds_that_are_nearly_one() -> None:

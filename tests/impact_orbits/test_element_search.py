@@ -240,3 +240,52 @@ def test_a_search_near_orbits_with_an_impact_and_without_one_finds_both() -> Non
     for orbit in alone:
         if orbit.admissible:
             assert abs(orbit.states[0, 0] - np.array(found)).min() < 1e-12
+
+
+def returns_to_itself(orbit: Any) -> bool:
+    """Whether simulation from its first state comes back to it after its impacts."""
+    system = orbit.system
+    record = system.simulate(impacts=orbit.impacts, start=system.impact_state(orbit.states[0]))
+    back = abs(record.time[-1] - orbit.period) < 1e-6
+    return bool(back and abs(system.difference(record.states[-1], orbit.states[0])).max() < 1e-6)
+
+
+def test_an_impact_that_rebounds_is_not_followed_by_contact_at_once() -> None:
+    """A motion from amid a chatter is in contact before it is seen to hit anything."""
+    stop = HardStop(0, offset=-0.076, restitution=0.45)
+    pad = SoftStop(0, side="below", offset=0.254, stiffness=25.05)
+    machine = ImpactChain(
+        masses=1, damping=0.126, frequency=1.2939, harmonic_forces=[0.597], elements=[stop, pad]
+    )
+    found = [orbit for orbit in machine.find_orbits(impacts=3, periods=1) if orbit.admissible]
+    assert "P(3,1)" in [orbit.label for orbit in found]
+    assert all(returns_to_itself(orbit) for orbit in found if orbit.impacts)
+
+
+@pytest.mark.parametrize("number", [17, 19, 20, 30, 36, 37])
+def test_all_orbits_of_one_impact_are_found_where_no_other_element_acts(number: int) -> None:
+    """Unstable partners beyond a fold among them, which motions do not come near to."""
+    random = np.random.default_rng(9000 + number)
+    side = str(random.choice(["above", "below"]))
+    offset, restitution = random.uniform(-0.2, 0.6), random.uniform(0.3, 0.95)
+    place = -offset if side == "above" else offset
+    stop = HardStop(0, side=side, offset=place, restitution=restitution)
+    far = SoftStop(0, offset=-100.0, stiffness=1.0)
+    random.integers(2)
+    damping, force = random.uniform(0.01, 0.2), random.uniform(0.1, 0.8)
+    alone = MatrixOscillator(
+        M=[[1.0]],
+        C=[[damping]],
+        K=[[1.0]],
+        harmonic_forces=[force],
+        frequency=random.uniform(0.4, 4.0),
+        elements=[stop],
+    )
+    exact = [orbit for m in (1, 2, 3) for orbit in alone.periodic_orbits(periods=m)]
+    exact = [orbit for orbit in exact if orbit.admissible]
+    assert not all(orbit.stable for orbit in exact)
+    found = alone.replace(elements=[stop, far]).find_orbits(impacts=1, periods=3)
+    for orbit in exact:
+        same = [other for other in found if other.label == orbit.label]
+        gaps = [abs(alone.difference(other.states, orbit.states)).max() for other in same]
+        assert min(gaps) <= 1e-11

@@ -11,7 +11,7 @@ from dynkit import Branch, continue_curve, continue_orbit
 from dynkit.continuation.crossings import Crossing, Located
 from dynkit.continuation.tracing import is_of_event
 from dynkit.orbits.kinds import BifurcationKind
-from dynkit.systems import HardStop, ImpactChain, Jenkins, MatrixOscillator, SoftStop
+from dynkit.systems import DryFriction, HardStop, ImpactChain, Jenkins, MatrixOscillator, SoftStop
 from tests.reference.random_machines import random_machine
 from tests.validation.curves import _oscillators as oscillators
 
@@ -106,6 +106,21 @@ def test_no_fold_where_events_merge_of_an_orbit_that_is_no_motion() -> None:
     assert "GR" in {found.kind for found in branch.bifurcations}
     folds = [found for found in branch.bifurcations if found.kind == "SN"]
     assert [abs(fold.orbit.multipliers - 1.0).min() for fold in folds] == []
+
+
+def test_no_period_doubles_where_events_merge_within_rounding() -> None:
+    """Where a GR is known to 1e-7 only, the equations are singular for -1 as well."""
+    pad = SoftStop(2, offset=-0.189, stiffness=4.47, damping=0.2)
+    machine = ImpactChain(
+        masses=3, damping=0.121, frequency=1.3036, harmonic_forces=[0.0, 0.0, 0.609],
+        elements=[pad, DryFriction(0, force=0.042)],
+    )  # fmt: skip
+    orbit = machine.attractor(transient=400, impacts=60).periodic_orbit()
+    branch = continue_orbit(orbit, "frequency", bounds=(1.23, 1.31), points=150)
+    values = [found.value for found in branch.bifurcations if found.kind == "GR"]
+    assert any(abs(value - 1.2508277562) < 1e-8 for value in values)
+    doubled = [found.value for found in branch.bifurcations if found.kind == "PD"]
+    assert all(min(abs(double - value) for value in values) > 1e-5 for double in doubled)
 
 
 def test_a_curve_of_period_doublings_ends_where_it_meets_a_grazing() -> None:

@@ -30,10 +30,11 @@ from dynkit.systems.impact.orbits.itineraries.guesses import (
     solvable,
     with_impulses,
 )
-from dynkit.systems.impact.orbits.itineraries.itinerary import events_seen, of_period
+from dynkit.systems.impact.orbits.itineraries.itinerary import events_seen, has_law, of_period
 from dynkit.systems.impact.orbits.itineraries.motions import FEW, MANY, simulated_motions
 from dynkit.systems.impact.orbits.itineraries.simulated import simulated
-from dynkit.systems.impact.orbits.orbit import ImpactOrbit
+from dynkit.systems.impact.orbits.itineraries.terms import drives_of
+from dynkit.systems.impact.orbits.orbit import NONE, ImpactOrbit
 from dynkit.systems.impact.simulation.state import TWO_PI
 from dynkit.systems.impact.simulation.trajectory import Ending
 
@@ -74,11 +75,14 @@ def search(oscillator: ImpactMap, impacts: int, periods: int) -> OrbitSearch[Imp
             counts["guesses"] = _from_phases(found, oscillator, impacts, periods)
         if impacts >= first:
             parts = list(found.counted(simulated_motions(oscillator, effort)))
-            guessed = _near if alone else partial(_near_return, sizes=_sizes(parts))
+            sizes = None if oscillator._progression.shift.size else _sizes(parts)
+            guessed = _near if alone else partial(_near_return, sizes=sizes)
             some = range(first, impacts + 1)
             tried = [_add_returns(found, p, n, periods, guessed) for n in some for p in parts]
             counts |= {"starts": 1 + effort.starts}
             counts |= {"impacts": sum(map(len, parts)), "returns": sum(tried)}
+            if not alone and oscillator._motion is None:
+                _add_beside_others(found, oscillator, periods, sizes)
         for part in () if alone else parts:
             if part.ending is not Ending.COUNT_REACHED and oscillator._stops:
                 _add_quiet(found, part)
@@ -105,6 +109,38 @@ def _from_phases(found: Found, oscillator: ImpactMap, impacts: int, periods: int
             for problem, guess in random_guesses(oscillator, n, m):
                 found.add(problem, guess)
     return guesses
+
+
+def _add_beside_others(
+    found: Found, oscillator: ImpactMap, periods: int, sizes: list[float] | None
+) -> None:
+    """Try motions from P(1,m) of each stop without the other elements, which have a closed form."""
+    for stop in oscillator._stops:
+        alone = oscillator.replace(elements=[stop])
+        try:
+            driven = not has_law(alone) and bool(drives_of(alone)[0])
+        except NoSolution:
+            continue
+        for m in range(1, periods + 1) if driven else ():
+            for problem, x in one_impact(alone, m):
+                _add_motion(found, oscillator, problem.orbit(x, NONE), sizes)
+
+
+def _add_motion(
+    found: Found, oscillator: ImpactMap, near: ImpactOrbit, sizes: list[float] | None
+) -> None:
+    """Try one period of the motion from the middle of an orbit with one impact."""
+    half = 0.5 * near.period
+    (x,), (v,) = near.sample([half])
+    phase = float(near.phases[0]) + oscillator.frequency * half
+    with suppress(NoMotion, NoConvergence, NoSolution, NotImplementedError):
+        start = oscillator.state(x, v, phase % TWO_PI)
+        seen = simulated(oscillator, start, near.period)
+        hits = [event for event in seen.events if event.kicked]
+        if hits and not any(event.chatters for event in hits):
+            problem, guess = guess_of(oscillator, start, seen, near.periods, near.period, sizes)
+            if not found.holds(problem, guess, APART):
+                found.add(problem, guess)
 
 
 def _sizes(parts: list[ImpactRecord]) -> list[float]:
@@ -172,11 +208,11 @@ def _add_quiet(found: Found, record: ImpactRecord) -> None:
 
 
 def _near_return(
-    record: ImpactRecord, place: int, impacts: int, periods: int, sizes: list[float]
+    record: ImpactRecord, place: int, impacts: int, periods: int, sizes: list[float] | None
 ) -> tuple[ItineraryEquations, Array] | None:
     """Equations and unknowns of P(n,m) for some impacts; None where the motion sticks.
 
-    Sizes are those of positions and velocities.
+    Sizes are those of positions and velocities: see `guess_of`.
 
     Raises
     ------
@@ -191,7 +227,6 @@ def _near_return(
         if any(event.chatters for event in seen.events) or run.impacts != impacts:
             return None
         length = periods * TWO_PI / system.frequency
-        given = None if system._progression.shift.size else sizes
-        return guess_of(system, run.start, seen, periods, length, given)
+        return guess_of(system, run.start, seen, periods, length, sizes)
     except (NoMotion, NoConvergence) as refusal:
         raise NoSolution(str(refusal)) from refusal

@@ -324,9 +324,10 @@ class ImpactOscillator(ImpactMap):
         dimensions. Inadmissible orbits with n >= 2 are found only by chance.
 
         With other elements than a table of one coordinate, and where energies are not quadratic,
-        Newton's method starts from close returns alone, for all n. These are returns of 1000
+        Newton's method starts from close returns for all n. These are returns of 1000
         impacts from the default start, and of 200 from each of 10 random starts, in parts of 200.
-        Of the unstable partners of stable P(1,m) this misses about one in five.
+        Where energies are quadratic it also starts from the P(1,m) of each hard stop without the
+        other elements, which have a closed form.
         Motions that stick to a hard stop are left out. Without a hard stop an orbit of m periods is
         P(m,m), and returns are those after m periods.
 

@@ -13,7 +13,7 @@ from dynkit.orbits.newton import NoConvergence, NoSolution
 from dynkit.orbits.solving import solve
 from dynkit.systems.impact.orbits.itineraries.equations import ItineraryEquations
 from dynkit.systems.impact.orbits.itineraries.flying import flights_of
-from dynkit.systems.impact.orbits.itineraries.happening import Happening
+from dynkit.systems.impact.orbits.itineraries.happening import Happening, Itinerary
 from dynkit.systems.impact.orbits.itineraries.itinerary import (
     Course,
     Seen,
@@ -50,6 +50,7 @@ _IN_TURN = (
 )
 _NEVER = "the motion does not come again: the nearest solution of its equations is no motion"
 _HELD = "the motion is not released by a stop at the same phase again"
+_AMID = "the motion begins amid a chatter: no impact is seen before its contact"
 _SINGULAR = 1e-13
 """Ratio of singular values of the equations' derivative, by rows: what is less is rounding."""
 _LARGE = 1e5
@@ -138,7 +139,8 @@ def guess_of(
     Raises
     ------
     NoConvergence
-        When a slider never slips, or no stop releases the motion where it begins.
+        When a slider never slips, no stop releases the motion where it begins, or it begins amid a
+        chatter.
     """
     if quiet := not len(seen.events):
         seen = _quiet(system, state, periods)
@@ -151,6 +153,8 @@ def guess_of(
     for k in system._parts.sliders:
         if not any(event.mode.numbers[k] for event in seen.events):
             raise NoConvergence(_STUCK.format(system._elements[k]))
+    if seen.events and _begins_amid_chatter(seen.events):
+        raise NoConvergence(_AMID)
     driven = system._excitation.turns
     clock = system.frequency if driven else TWO_PI / length
     phases, course = clock * seen.times + (0.0 if quiet else state.phase), Course(seen.events, (0,))
@@ -170,6 +174,12 @@ def guess_of(
         return problem, guess
     known, every = guess[: -problem.dimension], tuple(range(len(seen.events)))
     return problem.remade(nodes=every), np.concatenate([known, *states])
+
+
+def _begins_amid_chatter(events: Itinerary) -> bool:
+    """Whether a stop that is hit, and rebounds, is closed at once."""
+    pairs = zip(events, (*events[1:], events[0]), strict=True)
+    return any(e.kicked and not e.chatters and e.element in after.mode.held for e, after in pairs)
 
 
 def _grows(problem: ItineraryEquations, guess: Array) -> bool:
