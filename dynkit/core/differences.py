@@ -1,6 +1,6 @@
 """Derivatives by extrapolated differences, for functions without an exact derivative."""
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Sequence
 from functools import cache
 
 import numpy as np
@@ -37,6 +37,7 @@ def parameter_difference(
     *,
     accuracy: float = 2.0**-52,
     difference: Callable[[Array, Array], Array] = np.subtract,
+    scales: Sequence[float] = (),
 ) -> Array:
     """Differentiate by one number: differences at ever smaller steps, extrapolated to step zero.
 
@@ -56,12 +57,15 @@ def parameter_difference(
         Error of the function's values, relative to the largest of them.
     difference : callable
         Difference of two values, for values that hold angles.
+    scales : sequence of float
+        Changes of the number over which the function may vary; by default ``max(|value|, 1)``. A
+        later one is tried where those before leave an error above 1e-6, relative.
 
     Returns
     -------
     (m,) array
         Its relative error is the larger of 1e-11 and about ``accuracy**(8 / 9)`` for functions that
-        vary over ``max(|value|, 1)``: 1e-9 for an accuracy of 1e-11.
+        vary over one of the scales: 1e-9 for an accuracy of 1e-11.
 
     Raises
     ------
@@ -82,8 +86,15 @@ def parameter_difference(
     """
     center = function(value)
     size = float(np.abs(center).max(initial=0.0))
-    scale = max(abs(value), 1.0)
-    return _derivative(function, value, scale, center, size, accuracy, difference)[0]
+    best, least = np.full(center.shape, np.nan), np.inf
+    for scale in scales or (max(abs(value), 1.0),):
+        found, error, _ = _derivative(function, value, scale, center, size, accuracy, difference)
+        worst = float(error.max(initial=0.0))
+        if worst < least:
+            best, least = found, worst
+        if least <= _CLEAR * abs(best).max(initial=0.0):
+            break
+    return best
 
 
 def numerical_derivative(
