@@ -118,6 +118,7 @@ def derivative(function: Callable[[float], Array], value: float) -> Array:
             raise Refused(str(refusal)) from refusal
 
     try:
+        # steps of its own size come first: each value makes a machine
         scales = (abs(value), 1.0) if value else (1.0,)
         return parameter_difference(allowed, value, scales=scales)
     except Refused as refusal:
