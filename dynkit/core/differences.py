@@ -1,6 +1,6 @@
 """Derivatives by extrapolated differences, for functions without an exact derivative."""
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Sequence
 from functools import cache
 
 import numpy as np
@@ -21,6 +21,8 @@ _HALVINGS, _PATIENCE, _CLEAR, _ENOUGH = 40, 3, 1e-6, 1e-11
 # Steps of a small coordinate are relative to this part of the state's largest number, as in the
 # scales of periodic orbits.
 _TENTH = 0.1
+# Steps relative to one, halved, do not resolve functions that vary over less than this.
+_SMALL = 1e-8
 # At a corner whose slopes differ by 1 the mean of both values is step / 4 in units of the width.
 # Extrapolation reduces it by (2/3)(14/15)(62/63)... = 0.61 to 0.15, while the slope is off by 0.5.
 _MARGIN = 4.0
@@ -37,6 +39,7 @@ def parameter_difference(
     *,
     accuracy: float = 2.0**-52,
     difference: Callable[[Array, Array], Array] = np.subtract,
+    scales: Sequence[float] = (),
 ) -> Array:
     """Differentiate by one number: differences at ever smaller steps, extrapolated to step zero.
 
@@ -56,12 +59,16 @@ def parameter_difference(
         Error of the function's values, relative to the largest of them.
     difference : callable
         Difference of two values, for values that hold angles.
+    scales : sequence of float
+        Changes of the number over which the function may vary; by default ``max(|value|, 1)``, then
+        ``|value|``, which comes first below 1e-8. A later one is tried where those before leave a
+        hundred times that error.
 
     Returns
     -------
     (m,) array
         Its relative error is the larger of 1e-11 and about ``accuracy**(8 / 9)`` for functions that
-        vary over ``max(|value|, 1)``: 1e-9 for an accuracy of 1e-11.
+        vary over one of the scales: 1e-9 for an accuracy of 1e-11.
 
     Raises
     ------
@@ -82,8 +89,20 @@ def parameter_difference(
     """
     center = function(value)
     size = float(np.abs(center).max(initial=0.0))
-    scale = max(abs(value), 1.0)
-    return _derivative(function, value, scale, center, size, accuracy, difference)[0]
+    best, least, before = np.zeros(center.shape), np.full(center.shape, np.inf), np.inf
+    wanted = 100.0 * max(_ENOUGH, accuracy ** (_ORDER / (_ORDER + 1.0)))
+    if not scales:
+        scales = sorted({max(abs(value), 1.0), abs(value) or 1.0}, reverse=abs(value) >= _SMALL)
+    for scale in scales:
+        found, error, _ = _derivative(function, value, scale, center, size, accuracy, difference)
+        # where two disagree, the larger steps do not resolve the function
+        apart = abs(found - best) > _MARGIN * (error + least)
+        better = np.where(apart, scale < before, error < least)
+        best, least = np.where(better, found, best), np.where(better, error, least)
+        before = scale
+        if least.max(initial=0.0) <= wanted * abs(best).max(initial=0.0):
+            break
+    return best
 
 
 def numerical_derivative(

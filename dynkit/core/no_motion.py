@@ -54,6 +54,8 @@ class Refused(NoMotion, ValueError):
 class _Replaceable(Protocol):
     def replace(self, **parameters: float) -> Self: ...
 
+    def _examine(self) -> None: ...
+
 
 _System = TypeVar("_System", bound=_Replaceable)
 
@@ -64,10 +66,12 @@ def replaced(system: _System, **parameters: float) -> _System:
     Raises
     ------
     Refused
-        When `replace` refuses a value with ValueError.
+        When `replace` refuses a value with ValueError, or energies with it are no energies.
     """
     try:
-        return system.replace(**parameters)
+        made = system.replace(**parameters)
+        made._examine()
+        return made
     except ValueError as refusal:
         raise Refused(str(refusal)) from refusal
 

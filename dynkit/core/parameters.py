@@ -90,6 +90,9 @@ class Family(Extensible, Shown):
         changed: Self = dataclasses.replace(cast("Any", self), **parameters)
         return changed
 
+    def _examine(self) -> None:
+        """Raise ValueError where only what follows from the values shows that they are refused."""
+
 
 @lru_cache
 def cached_in(kind: type) -> frozenset[str]:

@@ -41,8 +41,9 @@ class Window:
     release_times : (j,) array or None
         Times of the releases, on the same clock.
     release_error : callable or None
-        Function of n that returns the largest error of a coordinate of the n-th release after the
-        first, from rounding since the beginning of the window. None for exact releases.
+        Function of n and a size that returns the largest error of a coordinate of the n-th release
+        after the first, in parts of that size, or of its phase, from rounding since the beginning
+        of the window. None for exact releases.
     given_up : bool
         Whether the search for the next state was given up, where there are fewer than asked for.
     """
@@ -51,7 +52,7 @@ class Window:
     times: Array | None = None
     releases: Array | None = None
     release_times: Array | None = None
-    release_error: Callable[[int], float] | None = None
+    release_error: Callable[[int, float], float] | None = None
     given_up: bool = False
 
 
@@ -156,7 +157,7 @@ def _decided(source: OrbitSource, kept: int, tolerance: float, budget: int | Non
         orbit = _recurrences(window, source)
         nearest = float(orbit.from_last.min(initial=np.inf))
         period = orbit.recurrent(tolerance) or orbit.settling(_NEAR * tolerance)
-        if period is not None and not _is_certain(window, period, tolerance * orbit.scale):
+        if period is not None and not _is_certain(window, period, orbit.scale, tolerance):
             period = None
         if period is None and seen >= _CHAOS_AFTER and not orbit.decays:
             steps = min(seen, (limit - spent) // 2)
@@ -171,15 +172,14 @@ def _decided(source: OrbitSource, kept: int, tolerance: float, budget: int | Non
         ends = 2 * request < seen
         if period is None and ends:
             period = orbit.settling(_NEAR_AT_LAST)
-            nearly = _NEAR_AT_LAST * orbit.scale
-            if period is not None and not _is_certain(window, period, nearly):
+            if period and not _is_certain(window, period, orbit.scale, _NEAR_AT_LAST):
                 period = None
         if period is not None:
             return _periodic_label(orbit, period, window, tolerance, spent)
         if ends:
             neutral = not orbit.decays and _neither_part_nor_meet(growth, spent)
             rotation = rotation_of(orbit, tolerance, source.accuracy) if neutral else None
-            if rotation and _is_certain(window, orbit.count - 1, tolerance * orbit.scale):
+            if rotation and _is_certain(window, orbit.count - 1, orbit.scale, tolerance):
                 return _quasi_periodic_label(rotation, tolerance, spent)
             return OrbitLabel(OrbitKind.UNSETTLED, None, None, tolerance, nearest, spent)
 
@@ -294,9 +294,9 @@ def _recurrences(window: Window, source: OrbitSource) -> Recurrences:
     return Recurrences(window.states, window.times, source.difference)
 
 
-def _is_certain(window: Window, period: int, most: float) -> bool:
-    """Whether rounding moves the release a period later by at most this distance."""
-    return window.release_error is None or window.release_error(period) <= most
+def _is_certain(window: Window, period: int, size: float, most: float) -> bool:
+    """Whether rounding moves the release a period later by at most this part of a size."""
+    return window.release_error is None or window.release_error(period, size) <= most
 
 
 def _growth_of(growth: list[Array]) -> tuple[int, float, float] | None:

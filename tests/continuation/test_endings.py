@@ -151,3 +151,27 @@ def test_a_singular_orbit_at_the_end_of_a_range_goes_one_way() -> None:
     branch = continue_orbit(orbit, "rate", bounds=(0.5, 1.5))
     assert list(branch.parameter[[0, -1]]) == [1.0, 1.5]
     assert branch.endings[0].reason.name == "NO_SOLUTION"
+
+
+@dataclass(frozen=True, kw_only=True)
+class Loaded(ImpactChain):
+    """A chain that a load on its first mass makes softer: without stiffness at 1."""
+
+    load: float = 0.5
+
+    def potential(self, x: Any) -> Any:
+        return super().potential(x) - self.load * x[0] ** 2 / 2
+
+
+def test_a_branch_ends_where_energies_are_refused() -> None:
+    chain = Loaded(masses=2, frequency=0.87, restitution=0.8)
+    orbit = chain.attractor().periodic_orbit()
+    branch = continue_orbit(orbit, "load", bounds=(0.3, 3.0))
+    assert branch.parameter.min() == 0.3
+    assert 1.0 - 1e-6 < branch.parameter.max() <= 1.0
+
+
+def test_orbits_close_to_a_value_that_energies_refuse_are_continued() -> None:
+    orbit = Loaded(masses=2, frequency=0.87, restitution=0.8, load=0.99).periodic_orbit()
+    branch = continue_orbit(orbit, "load", bounds=(0.98, 0.999))
+    assert list(branch.parameter[[0, -1]]) == [0.98, 0.999]

@@ -132,3 +132,12 @@ def test_unknown_parameters_are_refused(name: str) -> None:
     system, state = EXACT[name]
     with pytest.raises(ValueError, match=r"parameter must be one of: .*; got 'mass'"):
         system.parameter_derivative(state, "mass")
+
+
+@pytest.mark.parametrize("unit", [1e-18, 1e-9, 1e-3, 1e9])
+def test_functions_vary_over_the_size_of_the_number(unit: float) -> None:
+    def values(x: float) -> Array:
+        return np.array([1.0 / (1.0 + (x / unit) ** 2), np.tanh(x / unit), 2.0 + x / unit])
+
+    slopes = np.array([-2.2 / (1.0 + 1.21) ** 2, np.cosh(1.1) ** -2, 1.0])
+    assert unit * parameter_difference(values, 1.1 * unit) == pytest.approx(slopes, rel=1e-9)

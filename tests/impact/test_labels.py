@@ -168,3 +168,18 @@ def test_chaos_that_lasts_stays_chaotic() -> None:
     assert str(label) == "chaotic"
     assert label.transient_chaos == 0
     assert 10_000 < label.simulated <= 20_000
+
+
+@pytest.mark.parametrize("length", [1e-3, 1e-6, 1e-9, 1e6])
+def test_labels_of_motions_that_stick_do_not_depend_on_the_unit_of_length(length: float) -> None:
+    chain = ImpactChain(
+        masses=(1.0, 1.7, 0.6),
+        springs=(1.0, 0.8, 1.3),
+        damping=(0.1, 0.05, 0.12),
+        frequency=0.3,
+        restitution=0.6,
+        amplitude=0.1 * length,
+        chatter_tolerance=1e-12 * length,
+    )
+    start = chain.state(length * np.array([0.3, 0.4, 0.5]), length * np.array([0.1, 0.2, 0.1]), 0.7)
+    assert str(chain.attractor(start=start).label) == "P(inf,1)"

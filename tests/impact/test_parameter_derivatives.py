@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+from typing import Any
 from unittest.mock import patch
 
 import numpy as np
@@ -136,3 +138,78 @@ def test_derivatives_at_the_end_of_a_range_are_one_sided_limits(name: str, value
     inside = system.replace(**{name: 1e-7 if value == 0.0 else value - 1e-7})
     near = inside.parameter_derivative(state, name)
     assert system.parameter_derivative(state, name) == pytest.approx(near, rel=1e-5, abs=1e-5)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Built(ImpactChain):
+    """A chain with a mass and a spring that depend on the diameter of a rod."""
+
+    diameter: float = 1.1
+    thickness: float = 1.0
+    density: float = 1.0
+    stiffness_of_rod: float = 0.4
+
+    def kinetic(self, v: Any) -> Any:
+        own = self.density * (self.diameter / self.thickness) ** 3
+        return super().kinetic(v) + own * v[0] ** 2 / 2
+
+    def potential(self, x: Any) -> Any:
+        own = self.stiffness_of_rod / (1.0 + self.diameter / self.thickness)
+        return super().potential(x) + own * x[0] ** 2 / 2
+
+
+UNITS = {  # of mass, stiffness, length and diameter
+    "grams and seconds": (1e-3, 1.0, 1.0, 1.0),
+    "diameters in metres": (1.0, 1.0, 1.0, 1e-9),
+    "microseconds": (1e-6, 1e6, 1.0, 1.0),
+    "small machines": (1e-15, 1e3, 1e-9, 1e-9),
+    "long machines": (1.0, 1.0, 1e9, 1e6),
+}
+
+
+def built(mass: float, stiffness: float, length: float, diameter: float) -> ImpactChain:
+    rate = np.sqrt(stiffness / mass)
+    return Built(
+        masses=(mass,) * 3,
+        springs=stiffness,
+        damping=(0.1 * mass * rate,) * 3,
+        frequency=0.87 * rate,
+        diameter=1.1 * diameter,
+        thickness=diameter,
+        density=mass,
+        stiffness_of_rod=0.4 * stiffness,
+        chatter_tolerance=0.0,
+        elements=[
+            HardStop(
+                2,
+                amplitude=0.1 * length,
+                restitution=Hardening(0.5, length * rate),
+                name="table",
+            ),
+            SoftStop(0, offset=0.02 * length, stiffness=9.0 * stiffness, name="pad"),
+        ],
+    )
+
+
+@pytest.mark.parametrize("units", UNITS)
+@pytest.mark.parametrize(
+    "name", ["diameter", "table.amplitude", "frequency", "table.restitution.scale"]
+)
+def test_derivatives_do_not_depend_on_units(units: str, name: str) -> None:
+    mass, stiffness, length, diameter = UNITS[units]
+    rate = np.sqrt(stiffness / mass)
+    size = {"diameter": diameter, "table.amplitude": length, "frequency": rate}
+    state = np.array([0.3, -0.2, 0.1, 0.4, 0.2, 1.0])
+    sizes = np.array([*[length] * 2, *[length * rate] * 3, 1.0])
+    expected = built(1.0, 1.0, 1.0, 1.0).parameter_derivative(state, name)
+    found = built(*UNITS[units]).parameter_derivative(state * sizes, name)
+    found *= size.get(name, length * rate) / sizes
+    assert found == pytest.approx(expected, rel=1e-10, abs=1e-11 * abs(expected).max())
+
+
+def test_parameters_that_energies_refuse_nearby_have_derivatives() -> None:
+    # a step of 1e-5 from 1e-9 makes masses that are negative
+    system, state = built(1.0, 1.0, 1.0, 1e-9), np.array([0.3, -0.2, 0.1, 0.4, 0.2, 1.0])
+    ends = [system.replace(diameter=1.1e-9 + k)(state) for k in (2e-13, 1e-13, -1e-13, -2e-13)]
+    differences = np.array([-1.0, 8.0, -8.0, 1.0]) @ ends / 1.2e-12
+    assert system.parameter_derivative(state, "diameter") == pytest.approx(differences, rel=1e-7)

@@ -22,8 +22,9 @@ from typing import TYPE_CHECKING, Any, NamedTuple, final
 
 import numpy as np
 
-from dynkit.core.differences import STEP
+from dynkit.core.differences import STEP, parameter_difference
 from dynkit.core.kept import kept
+from dynkit.core.no_motion import Refused
 from dynkit.core.validation import Array
 from dynkit.orbits.newton import NoSolution
 from dynkit.systems.impact.elements.friction import FORWARD
@@ -41,7 +42,6 @@ _LASTING = "gap", "kick", "_pushed", "shift", "put_on", "_response"
 """What a machine keeps that does not depend on the frequency."""
 
 _AGREEMENT = 1e-12
-_DIFFERENCE = 1e-3
 
 
 def numbers_of(oscillator: DrivenStructure, modes: Sequence[Regimes] = ()) -> Array:
@@ -86,22 +86,43 @@ def change_of(numbers: Callable[[float], Array], value: float) -> tuple[Array, b
     """Derivative of numbers by a parameter, and whether they are linear in it.
 
     Of what is linear differences are exact, whatever the step; steps towards zero stay in the range
-    of a parameter that has a bound, and else those away from it. What is not linear is from
-    differences of fourth order.
+    of a parameter that has a bound, and else those away from it. Each number has a unit of its own,
+    and counts beside itself.
     """
+    here = numbers(value)
     step = -0.25 * np.copysign(2.0 ** np.floor(np.log2(abs(value))), value) if value else 0.25
+    unit = abs(here)
+    for way in (step, -step):
+        try:
+            near, far = numbers(value + way), numbers(value + 2.0 * way)
+        except NoSolution:
+            continue
+        if not len(here) == len(near) == len(far):
+            raise NoSolution("what an element does changes there")
+        first, second = (near - here) / way, (far - near) / way
+        if (abs(first - second) <= _AGREEMENT * np.maximum(abs(first), unit / abs(way))).all():
+            return np.asarray((far - here) / (2.0 * way)), True
+        unit = np.maximum(unit, np.maximum(abs(near), abs(far)))
+        break
+    unit[unit == 0.0] = 1.0
+    return unit * derivative(lambda there: numbers(there) / unit, value), False
+
+
+def derivative(function: Callable[[float], Array], value: float) -> Array:
+    """Derivative of what is of order one, and varies over the size of the value or over one."""
+
+    def allowed(there: float) -> Array:
+        try:
+            return function(there)
+        except NoSolution as refusal:
+            raise Refused(str(refusal)) from refusal
+
     try:
-        here, near, far = (numbers(value + k * step) for k in (0.0, 1.0, 2.0))
-    except NoSolution:
-        step = -step
-        here, near, far = (numbers(value + k * step) for k in (0.0, 1.0, 2.0))
-    if not len(here) == len(near) == len(far):
-        raise NoSolution("what an element does changes there")
-    first, second = (near - here) / step, (far - near) / step
-    size = max(float(abs(first).max()), float(abs(here).max()) / abs(step))
-    if float(abs(first - second).max()) <= _AGREEMENT * size:
-        return np.asarray((far - here) / (2.0 * step)), True
-    return difference(numbers, value, _DIFFERENCE * max(abs(value), 1e-2)), False
+        # steps of its own size come first: each value makes a machine
+        scales = (abs(value), 1.0) if value else (1.0,)
+        return parameter_difference(allowed, value, scales=scales)
+    except Refused as refusal:
+        raise NoSolution(str(refusal)) from refusal
 
 
 def difference(function: Callable[[float], Array], value: float, step: float) -> Array:
@@ -345,8 +366,7 @@ class Machine:
                         raise NoSolution(str(refusal)) from refusal
                     return np.asarray(there.continued(piece, velocities)[0])
 
-                step = _DIFFERENCE * max(abs(names[name]), 1e-2)
-                out += difference(moved, names[name], step) * (own.imag / STEP)
+                out += derivative(moved, names[name]) * (own.imag / STEP)
         return out
 
     @kept

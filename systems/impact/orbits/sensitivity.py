@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -74,13 +75,14 @@ def map_derivative_by(oscillator: ImpactMap, state: ImpactState, change: Array) 
         return None
     m = Machine(system, change)
     z, began, late = _begun(m, system, state), 0.0, 0.0
+    measures = _measures(m, system, (state, run.final))
     hit, last = not system._strobed, len(run.switches.guard)
     times = np.append(run.switches.time, run.time).tolist()
     for k, number in enumerate(np.append(run.switches.guard, run.log.guard).tolist()):
         mode, guard = _regimes(system, run, number, 0), system._automaton.guards[number]
         flow, lasts = m.flow(mode), times[k] - began
         if lasts > 0.0:
-            (flown,) = moved(flow[None], np.array([lasts]), np.ones(len(z)))
+            (flown,) = moved(flow[None], np.array([lasts]), measures)
             z, began = flown @ z, times[k]
         if k == last and not hit:  # a period ends when it does
             later = -late - began * m.frequency.imag / STEP / m.frequency.real
@@ -132,6 +134,16 @@ def _begun(m: Machine, system: Any, state: ImpactState) -> Any:
         for place, row in ((own, m.gap(stop)), (n + own, m.rate(stop))):
             z[place] -= 1j * (row @ z).imag / row[place].real
     return z
+
+
+def _measures(m: Machine, system: Any, states: Sequence[ImpactState]) -> Array:
+    """Units (D,) in which states are of order one."""
+    length = max(float(abs(state.position).max()) for state in states)
+    speed = max(float(abs(state.velocity).max()) for state in states)
+    rate = max(float(system.natural_frequencies[-1]), system.frequency)
+    length = max(length, speed / rate) or 1.0
+    sizes = length, max(speed, rate * length), length, 1.0
+    return np.repeat(sizes, (m.size, m.size, len(m.sliders), 3))
 
 
 def _section(m: Machine, system: Any, run: Trajectory, mode: Regimes, z: Any) -> Array:

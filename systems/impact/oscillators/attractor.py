@@ -318,8 +318,8 @@ class _ImpactOrbit:
             releases = states[after]
             release_times = (self.clock + record.time[after]) / period
 
-            def release_error(n: int) -> float:
-                return float(record._until(int(after[n])).error[-1])
+            def release_error(n: int, size: float) -> float:
+                return float(record._until(int(after[n]))._error_in(size)[-1])
 
         times = None if self.system._cycled else (self.clock + record.time) / period
         if self.system._several:

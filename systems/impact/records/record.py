@@ -60,9 +60,15 @@ _NUMBERS = 1 << 18
 
 
 def twin_errors(
-    system: ImpactMap, whole: Trajectory, batches: Iterable[ImpactRecord], count: int
+    system: ImpactMap,
+    whole: Trajectory,
+    batches: Iterable[ImpactRecord],
+    count: int,
+    unit: float = 1.0,
 ) -> Iterator[Array]:
     """Errors of impacts, one array for each batch; see `ImpactRecord.error`.
+
+    Those of positions and velocities are in a unit; that of the phase is an angle.
 
     A long computation shows a progress bar on standard error.
     """
@@ -80,20 +86,23 @@ def twin_errors(
         )
         for seed in range(1, _TWINS + 1)
     ]
+    units = np.full(system.dimension, unit)
+    if not system._strobed:
+        units[-1] = 1.0
     with ExitStack() as stack:
         bar: Any = None
         if count > batch_size(system):
             bar = stack.enter_context(late_bar("error", "impact", count))
         for batch in batches:
-            worst = 2.0**-52 * abs(batch.states).max(axis=1, initial=0.0)
+            worst = 2.0**-52 * abs(batch.states / units).max(axis=1, initial=0.0)
             for twin in twins:
-                _compare(batch, twin, worst)
+                _compare(batch, twin, units, worst)
             yield system._margin * worst
             if bar is not None:
                 bar.update(len(batch))
 
 
-def _compare(batch: ImpactRecord, twin: Any, worst: Array) -> None:
+def _compare(batch: ImpactRecord, twin: Any, units: Array, worst: Array) -> None:
     """Advance a twin by the batch's impacts; the largest distances, (n,), are modified in place."""
     # One that has ended has no further impacts.
     more = len(batch) if twin.ending is Ending.COUNT_REACHED else 0
@@ -102,7 +111,7 @@ def _compare(batch: ImpactRecord, twin: Any, worst: Array) -> None:
     regimes, guards = tuple(automaton.regimes), automaton.table
     run = replace(batch._run.holding(log), regimes=regimes, guards=guards)
     other, k = ImpactRecord(system, run), len(log.time)
-    gap = abs(system.difference(other.states, batch.states[:k])).max(axis=1, initial=0.0)
+    gap = abs(system.difference(other.states, batch.states[:k]) / units).max(axis=1, initial=0.0)
     # Phases that differ by whole turns compare as equal; times do not.
     late = abs(other.time - batch.time[:k]) - 2.0**-51 * batch.time[:k]
     if not system._cycled:
@@ -331,8 +340,12 @@ class ImpactRecord(Result):
         J. Vignes, Mathematics and Computers in Simulation 35 (1993) 233-261 (stochastic
         arithmetic).
         """
+        return self._error_in(1.0)
+
+    def _error_in(self, unit: float) -> Array:
+        """Its errors (n,) where positions and velocities are in a unit."""
         worst, done = np.empty(len(self)), 0
-        for part in twin_errors(self.system, self._run, self._batches(), len(self)):
+        for part in twin_errors(self.system, self._run, self._batches(), len(self), unit):
             worst[done : done + len(part)] = part
             done += len(part)
         if self.ambiguous is not None:

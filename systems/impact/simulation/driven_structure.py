@@ -166,6 +166,9 @@ class DrivenStructure(LagrangianStructure):
         """
         return "exponential sums" if self._motion is None else "Taylor"
 
+    def _examine(self) -> None:
+        _ = self._derivation
+
     @property
     def _motion(self) -> Any:
         """The equations of motion where the energies are not quadratic, else None."""
