@@ -13,6 +13,7 @@ import numpy as np
 from dynkit.core.no_motion import NoMotion
 from dynkit.core.validation import Array, ascending, finite_array, read_only
 from dynkit.dynamics.attractor import Attractor
+from dynkit.dynamics.map_attractor import MapAttractor
 from dynkit.plotting.points import displacement
 
 # Default time series: periods of the forcing, and samples per period.
@@ -107,6 +108,15 @@ class Motion:
         return int(self.system.contact % self.system.degrees_of_freedom) if self.has_masses else 0
 
     @property
+    def frequency(self) -> float | None:
+        """Angular frequency of the table and the forces; None where there is none.
+
+        The time of a map counts iterates: no parameter of it is a frequency in that time.
+        """
+        found = getattr(self.system, "frequency", None)
+        return None if found is None or isinstance(self.attractor, MapAttractor) else float(found)
+
+    @property
     def forcing_frequency(self) -> float:
         """Angular frequency of the table and the forces.
 
@@ -115,9 +125,9 @@ class Motion:
         ValueError
             When the system has no such frequency.
         """
-        if not hasattr(self.system, "frequency"):
+        if self.frequency is None:
             raise ValueError(f"source must be driven at one frequency; got {self.system!r}")
-        return float(self.system.frequency)
+        return self.frequency
 
     def coordinate(self, asked: object, dimension: int) -> int:
         """Return the index of a coordinate of the time series; by default the contact coordinate.
@@ -146,7 +156,7 @@ class Motion:
         return at, self.attractor.time_series(at)
 
     def _default_times(self) -> Array:
-        if not hasattr(self.system, "frequency"):
+        if self.frequency is None:
             return np.arange(len(self.attractor.states), dtype=np.float64)
         end = _PERIODS * math.tau / self.forcing_frequency
         return np.asarray(np.arange(_PERIODS * _SAMPLES) * (end / (_PERIODS * _SAMPLES)))

@@ -150,8 +150,9 @@ class POD(Saved):
         """Bound, to leading order, of the error of any power as an average over this motion.
 
         It includes rounding, the remainders of chatters, and, with times, the error of the
-        trapezoidal rule, estimated by omission of every second sample. For the difference to
-        another part of the same motion see `standard_errors`.
+        trapezoidal rule. This is estimated by omission of every second sample at even times, and
+        from second differences at uneven times. For the difference to another part of the same
+        motion see `standard_errors`.
         """
         averages, entry = self._averages, self._averages.error
         if self.about == "mean":

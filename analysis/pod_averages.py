@@ -19,6 +19,9 @@ from dynkit.dynamics.attractor import Attractor
 BATCHES = 32
 """Number of batches of a motion that is long enough."""
 
+# Gaps of times are equal to this part; and so many scatters of errors over gaps are allowed for.
+_EVEN, _SCATTERS = 1e-6, 4.0
+
 
 @final
 @dataclass(frozen=True, eq=False)
@@ -84,7 +87,7 @@ def averages_of(source: object, times: object = None) -> Callable[[], Any]:
     if times is None:
         return partial(_sums, samples, np.ones(len(samples)), None)
     at = ascending("times", finite_array("times", times, (len(samples),)))
-    return partial(_sums, samples, *_trapezoidal(at))
+    return partial(_sums, samples, _halves(at), at)
 
 
 def averages_over(block: Attractor, edges: Edges) -> Any:
@@ -95,9 +98,9 @@ def averages_over(block: Attractor, edges: Edges) -> Any:
 
 
 def _sums(
-    samples: Array, weights: Array, coarse: Array | None, edges: Edges | None = None
+    samples: Array, weights: Array, times: Array | None, edges: Edges | None = None
 ) -> Averages:
-    """Return averages of samples (k, N) with weights (k,); `coarse` are those of every second."""
+    """Return averages of samples (k, N) with weights (k,), of the trapezoidal rule where timed."""
     began = time.perf_counter()
     if edges is None:
         count = min(BATCHES, len(samples))
@@ -110,23 +113,48 @@ def _sums(
     rounding = 2.0**-52 * max(map(len, batches))
     error = rounding * float((samples * samples).max())
     mean_error = rounding * float(abs(samples).max())
-    if coarse is not None:
+    if times is not None and _are_even(times):
         # the rule is of second order: the difference to twice the step is three times its error
+        coarse = _of_every_second(times)
         with_half = (samples * coarse[:, None]).T @ samples / coarse.sum()
         error += float(abs(with_half - products.sum(axis=0) / total).max()) / 3.0
         half = coarse @ samples / coarse.sum()
         mean_error += float(abs(half - sums.sum(axis=0) / total).max()) / 3.0
+    elif times is not None:
+        error += max(_uneven_error(column[:, None] * samples, times) for column in samples.T)
+        mean_error += _uneven_error(samples, times)
     durations = np.array([weights[b].sum() for b in batches])
     cost = Cost(time.perf_counter() - began, {"samples": len(samples)})
     return Averages(products, sums, durations, error, mean_error, cost)
 
 
-def _trapezoidal(times: Array) -> tuple[Array, Array]:
-    """Return weights (k,) of the trapezoidal rule, and of the rule with every second sample."""
+def _are_even(times: Array) -> bool:
+    """Whether all gaps of times (k,) are equal, but for rounding of the times."""
+    gaps = np.diff(times)
+    return bool(np.ptp(gaps) <= _EVEN * gaps.mean())
+
+
+def _uneven_error(values: Array, times: Array) -> float:
+    """Return the largest error of averages of values (k, m) by the trapezoidal rule.
+
+    The error over a gap h is h^3 / 12 times the second derivative, from the samples on either side.
+    Such errors may cancel in a sum, not so the differences of their two estimates.
+    """
+    gaps = np.diff(times)[:, None]
+    bends = np.diff(np.diff(values, axis=0) / gaps, axis=0) / (gaps[:-1] + gaps[1:])
+    after = gaps**3 / 6.0 * np.concatenate([bends, bends[-1:]])
+    before = gaps**3 / 6.0 * np.concatenate([bends[:1], bends])
+    largest = np.maximum(abs(after.sum(axis=0)), abs(before.sum(axis=0)))
+    scatter = np.sqrt(((after - before) ** 2).sum(axis=0))
+    return float((largest + _SCATTERS * scatter).max()) / float(times[-1] - times[0])
+
+
+def _of_every_second(times: Array) -> Array:
+    """Return weights (k,) of the trapezoidal rule with every second sample."""
     used = np.unique(np.append(np.arange(0, len(times), 2), len(times) - 1))
     coarse = np.zeros(len(times))
     coarse[used] = _halves(times[used])
-    return _halves(times), coarse
+    return coarse
 
 
 def _halves(times: Array) -> Array:

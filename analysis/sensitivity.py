@@ -31,7 +31,7 @@ class Sensitivity(Saved):
     ----------
     attractor : Attractor or ImpactRecord
     distance : float
-        Initial difference of every coordinate; positive.
+        Initial difference of every coordinate; positive, and more than the state's rounding.
     iterations : int
         Number of iterates.
 
@@ -65,6 +65,11 @@ class Sensitivity(Saved):
         self._start, self._system = np.asarray(source.states[-1]), source.system
         self._name = type(self._system).__name__
         self._distance = positive("distance", distance)
+        if (self._start + self._distance == self._start).all():
+            raise ValueError(
+                f"distance must exceed the rounding of the state {self._start.tolist()}; "
+                f"got {self._distance:g}"
+            )
         self._iterations = positive_integer("iterations", iterations)
 
     @cached_property

@@ -408,9 +408,8 @@ def axis_of(motion: Motion, coordinate: int | None, interval: float | None) -> A
     if interval is None:
         multiple = _samples_in_a_period(motion)
         interval = math.tau / (motion.forcing_frequency * multiple)
-    frequency = getattr(motion.system, "frequency", None)
     finer = _FINER if hasattr(motion.attractor, "record") else 1
-    return Axis(index, motion.name_of(index), frequency, finer, interval, multiple)
+    return Axis(index, motion.name_of(index), motion.frequency, finer, interval, multiple)
 
 
 def _samples_in_a_period(motion: Motion) -> int:

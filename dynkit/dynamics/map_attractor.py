@@ -135,15 +135,22 @@ class MapAttractor(Attractor):
 
         Three more runs are disturbed at the start and after every iterate, with random signs in all
         coordinates. The disturbance relative to the size of the state is the map's `accuracy`, at
-        least four roundings. The estimate is the largest distance between these runs and the kept
-        states, at least one rounding of the largest state. It is near the accuracy on a stable
-        periodic orbit. In chaos it is as large as the attractor: single states cannot be computed,
-        only their distribution. It is infinite when a disturbed run diverges or has no next state.
+        least four roundings, and no less than its `call_errors` at the first kept state. The
+        estimate is the largest distance between these runs and the kept states, at least one
+        rounding of the largest state. It is near the accuracy on a stable periodic orbit. In chaos
+        it is as large as the attractor: single states cannot be computed, only their distribution.
+        It is infinite when a disturbed run diverges or has no next state.
         """
         worst = 2.0**-52 * float(np.linalg.norm(self._states, axis=1).max())
-        return max(worst, *map(self._parted, range(_TWINS)))
+        known = self._states[:1] if len(self._states) > 1 else self._start[None]
+        try:
+            # flows may have larger coordinates than the section, and errors that are absolute
+            least = float(self._system.call_errors(known).max()) if self._last else 0.0
+        except NoMotion:
+            return np.inf
+        return max(worst, *(self._parted(seed, least) for seed in range(_TWINS)))
 
-    def _parted(self, seed: int) -> float:
+    def _parted(self, seed: int, least: float) -> float:
         """Return the largest distance of the kept states to a run with disturbed iterates."""
         signs = np.random.default_rng(seed)
         noise = max(self._system.accuracy, _ROUNDINGS)
@@ -154,7 +161,8 @@ class MapAttractor(Attractor):
                 twin = self._system.image(twin) if i else twin
             except NoMotion:
                 return np.inf
-            twin += noise * abs(twin).max() * signs.choice((-1.0, 1.0), size=twin.size)
+            size = max(noise * abs(twin).max(), least)
+            twin += size * signs.choice((-1.0, 1.0), size=twin.size)
             if i >= self._transient:
                 gap = self._system.difference(twin, self._states[i - self._transient])
                 largest = max(largest, float(np.linalg.norm(gap)))

@@ -8,7 +8,7 @@ from typing import Any, Self, final
 
 import numpy as np
 
-from dynkit.core.no_motion import NoCrossing, TangentCrossing
+from dynkit.core.no_motion import NoCrossing, Refused, TangentCrossing
 from dynkit.core.validation import (
     Array,
     check_fields,
@@ -22,7 +22,7 @@ from dynkit.dynamics.flow import Basis, Crossing, Flow, flow_coordinates
 from dynkit.dynamics.hybrid_flow import smooth
 from dynkit.dynamics.level import Level
 from dynkit.dynamics.map import Map
-from dynkit.dynamics.section import PoincareSection
+from dynkit.dynamics.section import PoincareSection, Stroboscope
 
 # Times that differ by less than this fraction of the period are equal.
 _CLOSED = 1e-6
@@ -201,6 +201,8 @@ class PoincareMap(Map):
             When the flow does not cross the section within the time limit.
         TangentCrossing
             When the rate of the section's value at the state is below the least rate.
+        Refused
+            When the phase of a flow shrinks, and the section is a `Stroboscope`.
         ValueError
             When the state is not finite, or not of that shape; when the integral of the level
             changes along the motion.
@@ -212,6 +214,13 @@ class PoincareMap(Map):
                 raise TangentCrossing(
                     f"the flow must leave the section at a rate of {self.least_rate:.2g} or more; "
                     f"got {self.section.direction * rate:.2g} at {start.tolist()}"
+                )
+        if isinstance(self.section, Stroboscope):
+            rate = float(self.flow.velocity(start)[-1])
+            if rate < 0.0:  # the sine of the phase then rises half a period from the flashes
+                raise Refused(
+                    "the phase, the last coordinate, must grow for a Stroboscope; "
+                    f"got the rate {rate:.6g} at {start.tolist()}"
                 )
         hit = self.flow.next_crossing(start, self.section, self.time_limit)
         if self._level:

@@ -170,8 +170,15 @@ class Search:
         low, high = before.time - step.begin, after.time - step.begin
         guess = self._root(lambda t: step.path(step.begin + t), 0.5 * (low + high), low, high)
         hit = self._root(step.cut_short, guess.time, low, high)
-        reached = hit.value >= -ON_SECTION * hit.reach
-        return Crossing(step.begin + hit.time, hit.state) if reached else None
+        # at the section a coordinate is zero whose rounding is that of the way there
+        reach = max(before.reach, hit.reach, after.reach)
+        if hit.value < -ON_SECTION * reach:
+            return None
+        time, state = step.begin + hit.time, hit.state
+        if abs(hit.value) > ON_SECTION * hit.reach and hit.rate > 0.0:
+            # times are too coarse to end on the section
+            state = state - hit.value / hit.rate * self.velocity(state)
+        return Crossing(time, state)
 
     def _root(
         self, state_at: Callable[[float], Array], time: float, low: float, high: float

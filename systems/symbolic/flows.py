@@ -33,6 +33,9 @@ if TYPE_CHECKING:
 _ROUNDING, _TURN = 2.0**-52, 2.0 * math.pi
 # Twin motions for an error, and the disturbance of each of their steps.
 _TWINS, _ROUNDINGS = 3, 4.0
+# The truncation of a step is a hundredth of a rounding of the largest coordinate, or of one where
+# all are smaller.
+_LEAST = 2.0**-7
 _QUARTERS = 4
 # Intervals are followed in parts, so many that a logarithm is as sure as this; the first show it.
 _PARTS, _SURE, _PROBE = (1, 2, 4, 8, 16, 32, 64, 128), 1e-6, 16
@@ -167,8 +170,9 @@ class SymbolicFlow(CodedFamily, Flow):
     def advance_error(self, state: Array, duration: float) -> float:
         """Return an estimate of how wrong `advance` is, from three disturbed motions.
 
-        They are disturbed at the start and after every step by four roundings of the state, of
-        either sign in every coordinate. The estimate is the largest distance that they reach.
+        They are disturbed at the start and after every step by four roundings of the state, or of
+        1/128 where it is smaller, of either sign in every coordinate. The estimate is the largest
+        distance that they reach.
 
         Raises
         ------
@@ -180,7 +184,7 @@ class SymbolicFlow(CodedFamily, Flow):
         for seed in range(_TWINS if duration else 0):
             signs, twin, left = np.random.default_rng(seed), start, float(duration)
             while left > 0.0:
-                size = _ROUNDINGS * _ROUNDING * float(abs(twin).max())
+                size = _ROUNDINGS * _ROUNDING * max(float(abs(twin).max()), _LEAST)
                 twin = twin + size * signs.choice((-1.0, 1.0), size=twin.size)
                 step = next(self._taylor.steps(self._numbers, twin, left))
                 twin, left = step.state, left - step.time
@@ -188,7 +192,7 @@ class SymbolicFlow(CodedFamily, Flow):
         return worst
 
     def _disturbance(self, state: Array, sizes: Array) -> Array:  # noqa: ARG002
-        return _ROUNDINGS * _ROUNDING * sizes
+        return _ROUNDINGS * _ROUNDING * np.maximum(sizes, _LEAST * max(float(sizes.max()), 1.0))
 
     @final
     def derivative(self, state: Array, duration: float) -> Array:

@@ -201,6 +201,23 @@ def test_exact_average_about_the_mean_is_that_about_the_origin_less_the_mean() -
     assert about_mean.matrix == pytest.approx(expected, rel=0.0, abs=about_mean.error)
 
 
+@pytest.mark.parametrize("count", [300, 3000])
+@pytest.mark.parametrize("jitter", [0.3, 30.0])
+def test_error_with_uneven_times_covers_the_distance_to_the_closed_form(
+    count: int, jitter: float
+) -> None:
+    end = 200.0 * np.pi
+    for seed in range(50):
+        even, moved = (
+            np.linspace(0.0, end, count),
+            np.random.default_rng(seed).uniform(-1.0, 1.0, count),
+        )
+        times = np.sort(np.clip(even + jitter * end / count * moved, 0.0, end))[1:-1]
+        times = np.unique([0.0, *times, end])
+        found = POD(np.stack([np.sin(times), 2.0 * np.cos(times)], axis=1), times)
+        assert found.power == pytest.approx([2.0, 0.5], rel=0.0, abs=found.error)
+
+
 def test_times_weigh_samples_by_the_trapezoidal_rule() -> None:
     x, times = np.array([[1.0], [2.0], [4.0]]), np.array([0.0, 1.0, 3.0])
     # squares 1, 4, 16 with the weights 1/2, 3/2, 1, of sum 3

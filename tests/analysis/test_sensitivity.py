@@ -5,9 +5,10 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from dynkit import MapAttractor
+from dynkit import Map, MapAttractor
 from dynkit.analysis.lyapunov import LyapunovSpectrum
 from dynkit.analysis.sensitivity import Sensitivity
+from dynkit.core.validation import Array
 from dynkit.dynamics.attractor import Attractor
 from dynkit.systems import Henon, ImpactChain
 from tests.example_systems import CircleRotation
@@ -99,3 +100,16 @@ def test_bad_arguments_are_refused(distance: float, iterations: int, message: st
 def test_what_is_no_attractor_is_refused() -> None:
     with pytest.raises(ValueError, match="attractor must be an Attractor; got Henon"):
         Sensitivity(Henon())  # type: ignore[arg-type]
+
+
+def test_a_distance_that_rounding_swallows_is_refused() -> None:
+    class Shifted(Map):
+        dimension = 1
+
+        def __call__(self, state: Array) -> Array:
+            x = state - 1e6
+            return 1e6 + 4.0 * x * (1.0 - x)
+
+    attractor = MapAttractor(Shifted(), np.array([1e6 + 0.3]), transient=10, iterations=1)
+    with pytest.raises(ValueError, match=r"^distance must exceed the rounding of .*; got 1e-12$"):
+        Sensitivity(attractor, distance=1e-12)

@@ -7,11 +7,12 @@ from typing import Any
 
 import numpy as np
 import pytest
+import sympy as sp
 
-from dynkit.analysis import TimeSeries
+from dynkit.analysis import PowerSpectrum, TimeSeries
 from dynkit.dynamics.map_attractor import MapAttractor
 from dynkit.plotting.figures import new_figure
-from dynkit.systems import Element, HardStop, Henon, ImpactChain, SoftStop
+from dynkit.systems import Element, HardStop, Henon, ImpactChain, SoftStop, SymbolicMap
 from dynkit.systems.impact.oscillators.attractor import ImpactAttractor
 
 
@@ -184,3 +185,19 @@ def test_series_of_a_map_is_drawn() -> None:
     _, (axes,) = new_figure()
     TimeSeries(henon()).plot(axes)
     assert axes.get_ylabel() == "coordinate 0"
+
+
+class Circle(SymbolicMap):
+    """A map with a parameter of this name, which is no frequency in its time."""
+
+    frequency: float = 1.7
+    angles = ("angle",)
+
+    def next_state(self, angle: sp.Expr) -> tuple[sp.Expr]:
+        return (angle + self.frequency - sp.sin(angle) / 2,)
+
+
+def test_a_parameter_of_a_map_is_no_forcing() -> None:
+    attractor = MapAttractor(Circle(), np.array([0.1]), transient=10, iterations=300)
+    assert TimeSeries(attractor).times.tolist() == list(range(300))
+    assert PowerSpectrum(attractor, 1.0, samples=256).table_frequency is None

@@ -11,7 +11,8 @@ import numpy as np
 import pytest
 
 from dynkit import Hyperplane, PoincareMap, Stroboscope
-from dynkit.core.no_motion import CannotFollow, NoCrossing
+from dynkit.core.no_motion import CannotFollow, NoCrossing, Refused
+from dynkit.core.validation import Array
 from dynkit.systems import IntegratedFlow
 from dynkit.systems.flows import integration
 from tests.flows.integrated_flows import Duffing, Lorenz, Rossler
@@ -116,3 +117,21 @@ def test_a_section_too_far_for_the_motions_pace_is_not_crossed() -> None:
     plane = Hyperplane(np.array([0.0, 0.0, 1.0]), -1.0)  # below the attractor
     with pytest.raises(NoCrossing, match=r"0 would take more than 100000000 steps$"):
         Lorenz(tolerance=1e-2).next_crossing(STATE, plane, 1e12)
+
+
+class Backwards(IntegratedFlow):
+    """x' = -x + cos(phase), with a phase that shrinks."""
+
+    dimension = 2
+
+    def velocity(self, state: Array) -> Array:
+        return np.array([np.cos(state[1]) - state[0], -1.3])
+
+
+def test_a_stroboscope_refuses_a_phase_that_shrinks() -> None:
+    # its value, the sine of the phase, rises half a period away from the flashes
+    returns = PoincareMap(Backwards(), Stroboscope(2), time_limit=20.0)
+    message = r"^the phase, the last coordinate, must grow .*; got the rate -1\.3 at \[0\.5, 0"
+    for call in (returns, returns.return_time, returns.jacobian_factors):
+        with pytest.raises(Refused, match=message):
+            call(np.array([0.5]))

@@ -6,13 +6,14 @@ from dataclasses import dataclass
 
 import numpy as np
 import pytest
+import sympy as sp
 from hypothesis import given, settings, strategies as st
 
 from dynkit import Hyperplane, PoincareMap, PoincareSection
 from dynkit.core.no_motion import CannotFollow, NoCrossing
 from dynkit.core.validation import Array, finite_array
-from dynkit.dynamics.flow import Crossing
-from dynkit.systems import IntegratedFlow
+from dynkit.dynamics.flow import Crossing, Flow
+from dynkit.systems import IntegratedFlow, SymbolicFlow
 from tests.flows.cases import FLOWS, ROUNDING, STATES, Parabola, Rotation
 from tests.flows.integrated_flows import Lorenz
 
@@ -196,6 +197,47 @@ def test_rest_on_the_section_crosses_nothing(sign: float) -> None:
 def test_a_crossing_just_within_the_time_limit_is_found() -> None:
     hit = Rotation().next_crossing(circle(0.0), plane_at(np.pi / 2, 0.5), np.pi / 6 + 1e-9)
     assert hit.time == pytest.approx(np.pi / 6, abs=1e-12)
+
+
+@dataclass(frozen=True, kw_only=True)
+class InOtherUnits(IntegratedFlow):
+    """The rotation (sin t, cos t, 0) with its second coordinate in other units."""
+
+    size: float = 1e8
+    dimension = 3
+
+    def velocity(self, state: Array) -> Array:
+        x, y, _ = finite_array("state", state, (3,))
+        return np.array([y / self.size, -self.size * x, 0.0])
+
+
+class SymbolicInOtherUnits(SymbolicFlow):
+    size: float = 1e8
+
+    def velocity(self, x: sp.Expr, y: sp.Expr, z: sp.Expr) -> tuple[sp.Expr, ...]:
+        return y / self.size, -self.size * x, 0 * z
+
+
+@pytest.mark.parametrize("flow", [InOtherUnits(), SymbolicInOtherUnits()], ids=["RK", "Taylor"])
+def test_a_crossing_of_a_coordinate_in_other_units_is_not_missed(flow: Flow) -> None:
+    # where y is zero its rounding remains that of the motion, 1e8
+    plane = Hyperplane(np.array([0.0, 1.0, 0.0]), 0.0, -1)
+    starts = np.linspace(-3.0, 1.5, 100)
+    times = [
+        flow.next_crossing(np.array([np.sin(a), 1e8 * np.cos(a), 0.0]), plane, 100.0).time
+        for a in starts.tolist()
+    ]
+    assert times == pytest.approx(0.5 * np.pi - starts)
+
+
+@pytest.mark.parametrize("flow", [InOtherUnits(), SymbolicInOtherUnits()], ids=["RK", "Taylor"])
+def test_a_crossing_of_a_coordinate_in_other_units_is_counted_once(flow: Flow) -> None:
+    plane = Hyperplane(np.array([0.0, 1.0, 0.0]), 0.0, -1)
+    for a in np.linspace(-3.0, 1.5, 100).tolist():
+        start = np.array([np.sin(a), 1e8 * np.cos(a), 0.0])
+        hit = flow.next_crossing(start, plane, 100.0)
+        again = flow.next_crossing(hit.state, plane, 100.0)
+        assert again.time == pytest.approx(2.0 * np.pi)
 
 
 def test_a_crossing_just_after_the_time_limit_is_not() -> None:

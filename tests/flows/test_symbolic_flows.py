@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import pickle
 import sys
+from dataclasses import dataclass
 from functools import cache
 from typing import Any
 
@@ -32,6 +33,7 @@ from dynkit.systems import (
     DoublePendulum,
     Duffing,
     HenonHeiles,
+    IntegratedFlow,
     Lorenz,
     ParametricPendulum,
     Rossler,
@@ -531,3 +533,50 @@ def test_a_motion_that_turns_back_before_the_section_does_not_graze_it() -> None
     line = Hyperplane(np.array([1.0, 0.0]), direction=-1)
     with pytest.raises(NoCrossing, match=r"no crossing within 20\.0$"):
         Shifted(centre=1.0 + 1e-8).next_crossing(np.array([2.0, 0.0]), line, 20.0)
+
+
+class Scaled(SymbolicFlow):
+    """Van der Pol's oscillator in units of its size, and from another origin of the rate."""
+
+    size: float = 1.0
+    origin: float = 0.0
+
+    def velocity(self, x: sp.Expr, y: sp.Expr) -> tuple[sp.Expr, sp.Expr]:
+        u, v = x / self.size, (y - self.origin) / self.size
+        return self.size * v, self.size * ((1 - u**2) * v - u)
+
+
+@dataclass(frozen=True, kw_only=True)
+class IntegratedScaled(IntegratedFlow):
+    """The same."""
+
+    size: float = 1.0
+    origin: float = 0.0
+    dimension = 2
+
+    def velocity(self, state: Array) -> Array:
+        u, v = state[0] / self.size, (state[1] - self.origin) / self.size
+        return np.array([self.size * v, self.size * ((1.0 - u * u) * v - u)])
+
+    def velocity_jacobian(self, state: Array) -> Array:
+        u, v = state[0] / self.size, (state[1] - self.origin) / self.size
+        return np.array([[0.0, 1.0], [-2.0 * u * v - 1.0, 1.0 - u * u]])
+
+
+@pytest.mark.parametrize("kind", [Scaled, IntegratedScaled])
+@pytest.mark.parametrize(("size", "origin"), [(1.0, 1e6), (1e-4, 0.0), (1e-8, 0.0)])
+def test_errors_cover_orbits_in_small_units_and_far_from_the_origin(
+    kind: Any, size: float, origin: float
+) -> None:
+    def returns(flow: Flow) -> PoincareMap:
+        return PoincareMap(
+            flow, Hyperplane(np.array([0.0, 1.0]), flow.value_of("origin"), -1), 100.0
+        )
+
+    exact = periodic_orbit(returns(Scaled()), [2.0])
+    system = returns(kind(size=size, origin=origin))
+    orbit = periodic_orbit(system, [2.0 * size])
+    attractor = MapAttractor(system, np.array([2.2 * size]), transient=20, iterations=10)
+    for found in (orbit, attractor):
+        off = abs(found.states / size - exact.states[0]).max()
+        assert off <= found.error / size + exact.error
