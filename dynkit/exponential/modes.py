@@ -89,7 +89,7 @@ class Pairs:
         parts = self._parts
         if self._growths.any():
             return True
-        return parts is not None and not np.isfinite(_majorant(*parts[1:], math.inf)).all()
+        return parts is not None and not np.isfinite(self._larger(math.inf)).all()
 
     @staticmethod
     def join(*parts: Pairs) -> Pairs:
@@ -137,7 +137,9 @@ class Pairs:
         vars(found)["rates"] = fast, slow = tuple(part.copy() for part in self.rates)
         generator[1:3, slot] = frequency, -frequency
         fast[slot] = slow[slot] = math.sqrt(frequency * frequency)  # the rounding of `rates`
-        vars(found)["_kept"] = {("_span", slot): self._span(slot)}
+        self._span(slot)
+        others = vars(self)["_kept"].items()  # of these, spans alone depend on the frequency
+        vars(found)["_kept"] = {k: one for k, one in others if k[0] != "_span" or k[1] == slot}
         if not frequency <= LARGEST:
             del vars(found)["rates"]  # computed again, it raises
         return found
@@ -247,12 +249,11 @@ class Pairs:
             if np.ndim(window):
                 weights = np.repeat(weights[None], np.size(window), axis=0)
         else:
-            number, growth, decay = self._parts
+            number, growth, _ = self._parts
             involved = number >= 0
             own = np.zeros((len(rows), len(growth), 1))
             own[:, number[involved], 0] = weights[:, involved]  # the same for all of a part
-            larger = self._lasting if np.isinf(window).all() else _majorant(growth, decay, window)
-            larger = larger[..., None, :, :]
+            larger = self._larger(window)[..., None, :, :]
             total = (own * np.where(own > 0.0, larger, 0.0)).sum(axis=-2)
             weights = np.where(involved, total[..., number], weights)
         weights[..., 1, :] *= scale
@@ -316,11 +317,11 @@ class Pairs:
                     growth[number[i, t], number[j, source]] += b[i, j]
         return number, growth, decay
 
-    @cached_property
-    def _lasting(self) -> Array:
-        """Bounds of coupled parts by those at the start, for all times."""
+    @kept
+    def _larger(self, window: float | Array) -> Array:
+        """Bounds of coupled parts by those at the start, for a window, or for several."""
         assert self._parts is not None
-        return _majorant(*self._parts[1:], math.inf)
+        return _majorant(*self._parts[1:], window)
 
     def _contraction(self, slot: int, row: int) -> float:
         """Return the decay rate of an undriven number, or of the norm of a damped rotation."""

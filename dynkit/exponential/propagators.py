@@ -325,14 +325,13 @@ def _joint(
     bounds = [size, fourth, last, tail, drift]
     bounds.append((pairs.scale == 0.0).astype(float)[None])
     rows = np.concatenate([rows, _pad(np.concatenate(bounds), seen)])
-    cell = np.empty((rungs, 10, seen))
-    for k in range(0, 6, 2):
-        cell[:, k] = rows[k] * step[:rungs, 0, :seen] + rows[k + 1] * step[:rungs, 2, :seen]
-        cell[:, k + 1] = rows[k] * step[:rungs, 1, :seen] + rows[k + 1] * step[:rungs, 3, :seen]
-        b = propagators.link_step[1 : 1 + rungs]
+    cell, b = np.empty((rungs, 10, seen)), propagators.link_step[1 : 1 + rungs, :, None]
+    upper, lower = rows[0:6:2], rows[1:6:2]
+    for k in range(2):
+        own = step[:rungs, k, None, :seen], step[:rungs, k + 2, None, :seen]
+        cell[:, k:6:2] = upper * own[0] + lower * own[1]
         for i, (t, s) in enumerate(propagators.links.tolist()):  # all their slots are seen
-            cell[:, k, s] += rows[k, t] * b[:, i, 0] + rows[k + 1, t] * b[:, i, 2]
-            cell[:, k + 1, s] += rows[k, t] * b[:, i, 1] + rows[k + 1, t] * b[:, i, 3]
+            cell[:, k:6:2, s] += upper[:, t] * b[:, i, :, k] + lower[:, t] * b[:, i, :, k + 2]
     cell[:, 6:8], cell[:, 8:] = _pad(weights, seen), _pad(kept.astype(float), seen)
     return {
         "cell": cell,

@@ -20,28 +20,29 @@ class Stack:
         self._rooms: dict[str, Any] = {}
 
     def put(self, name: str, k: int, given: Any) -> None:
-        """Write an array as number k of this name."""
-        array, room = np.asarray(given), self._rooms.get(name)
+        """Write arrays (m, ...) of one shape as numbers k, k + 1, ... of this name."""
+        arrays, room = np.asarray(given), self._rooms.get(name)
         if k == 0 and room is None:
-            self._rooms[name] = array[None]  # a single array is not copied
+            self._rooms[name] = arrays  # the first ones are not copied
             return
-        if room is None or k >= len(room) or any(map(gt, array.shape, room.shape[1:])):
-            self._widen(name, k + 1, array)
-        self._rooms[name][(k, *map(slice, array.shape))] = array
+        end, (_, *shape) = k + len(arrays), arrays.shape
+        if room is None or end > len(room) or any(map(gt, shape, room.shape[1:])):
+            self._widen(name, end, arrays)
+        self._rooms[name][(slice(k, end), *map(slice, shape))] = arrays
 
     def _widen(self, name: str, count: int, like: Any) -> None:
-        """Extend the capacity to `count` arrays, each at least as large as `like`."""
-        old = self._rooms.get(name, np.zeros((0, *like.shape), like.dtype))
-        shape = list(map(max, old.shape, (count, *like.shape)))
+        """Extend the capacity to `count` arrays, each at least as large as those of `like`."""
+        old = self._rooms.get(name, like[:0])
+        shape = list(map(max, old.shape, (count, *like.shape[1:])))
         if count > len(old):
-            shape[0] = max(count, 2 * len(old))
+            shape[0] = max(count, 4 * len(old))
         self._rooms[name] = np.zeros(shape, old.dtype)
         self._rooms[name][tuple(map(slice, old.shape))] = old
 
     def take(self, name: str, count: int) -> Any:
         """Return the first `count` arrays of this name; zeros where none was put."""
         if count > len(self._rooms[name]):
-            self._widen(name, count, self._rooms[name][0])
+            self._widen(name, count, self._rooms[name])
         return self._rooms[name][:count]
 
     def all(self, count: int) -> dict[str, Any]:
@@ -61,49 +62,37 @@ class LadderStack:
         self._stack, self._groups, self._sums = Stack(), 0, 0
 
     def add(self, sums: Sequence[Any]) -> None:
-        """Add a group of one or more sums."""
-        first, g = sums[0], self._groups
-        for name in _OF_GROUPS:
-            self._stack.put(name, g, getattr(first, name))
-        self._stack.put("sizes", g, (len(first.step), len(first.links)))
-        for k, each in enumerate(sums, start=self._sums):
-            for name in _OF_SUMS:
-                self._stack.put(name, k, getattr(each, name))
-            self._stack.put("integers", k, _integers(g, each))
-            self._stack.put("numbers", k, _numbers(each))
-        self._groups, self._sums = g + 1, self._sums + len(sums)
+        """Add a group of one or more sums of equal sizes."""
+        for name, arrays in stacked(sums, self._groups)._asdict().items():
+            of_sums = name in _OF_SUMS
+            self._stack.put(name, self._sums if of_sums else self._groups, arrays)
+        self._groups, self._sums = self._groups + 1, self._sums + len(sums)
 
     @property
     def ladders(self) -> Any:
         """The `Ladders` of all groups."""
         from dynkit.exponential.stack_kernels import Ladders
 
-        counts = dict.fromkeys(Ladders._fields, self._sums)
-        counts |= dict.fromkeys((*_OF_GROUPS, "sizes"), self._groups)
+        counts = {k: self._sums if k in _OF_SUMS else self._groups for k in Ladders._fields}
         return Ladders(**{name: self._stack.take(name, count) for name, count in counts.items()})
 
 
-def _integers(group: int, one: Any) -> tuple[int, ...]:
-    return group, len(one.cell), one.smooth, int(one.apart), int(one.grows), one.steady
-
-
-def _numbers(one: Any) -> tuple[float, ...]:
-    return one.offset, one.window, one.swing
-
-
-def stacked(sums: Sequence[Any]) -> Any:
-    """Return the `Ladders` of one group of sums of equal sizes, as by `LadderStack`."""
+def stacked(sums: Sequence[Any], group: int = 0) -> Any:
+    """Return the `Ladders` of a group of one or more sums, which have equal sizes."""
     from dynkit.exponential.stack_kernels import Ladders
 
-    first, each = sums[0], {name: np.array([getattr(s, name) for s in sums]) for name in _OF_SUMS}
+    one, whole = sums[0], ("step", "generator", "links", "link_step", "smallest")
     return Ladders(
-        **{name: np.asarray(getattr(first, name))[None] for name in _OF_GROUPS},
-        **each,
-        sizes=np.array([(len(first.step), len(first.links))]),
-        integers=np.array([_integers(0, one) for one in sums]),
-        numbers=np.array([_numbers(one) for one in sums]),
+        **{name: np.asarray(getattr(one, name))[None] for name in whole},
+        sizes=np.array([(len(one.step), len(one.links))]),
+        cell=np.array([s.cell for s in sums]),
+        rows=np.array([s.rows for s in sums]),
+        integers=np.array(
+            [(group, len(s.cell), s.smooth, s.apart, s.grows, s.steady) for s in sums]
+        ),
+        numbers=np.array([(s.offset, s.window, s.swing) for s in sums]),
     )
 
 
-_OF_GROUPS = "step", "generator", "links", "link_step", "smallest"
-_OF_SUMS = "cell", "rows"
+_OF_SUMS = "cell", "rows", "integers", "numbers"
+"""Fields of `Ladders` with one array for each sum; the others have one for each group."""

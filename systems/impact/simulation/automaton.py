@@ -286,12 +286,12 @@ class Automaton(JoinedModes):
             self._ladders.add([guards[k].sum for k in own])
             slots = np.zeros(self._size, dtype=np.intp)
             slots[: len(modes[number].layout.modes)] = modes[number].layout.modes
-            stack.put("slots", number, slots)
-            stack.put("regimes", number, np.array(self.regimes[number], dtype=np.intp))
-            stack.put("slides", number, self.parts.slides(self.regimes[number]))
-            for k in own:
-                for name, value in self._constants(guards[k]).items():
-                    self._of_guards.put(name, k, value)
+            stack.put("slots", number, slots[None])
+            stack.put("regimes", number, np.array([self.regimes[number]], dtype=np.intp))
+            stack.put("slides", number, [self.parts.slides(self.regimes[number])])
+            constants = [self._constants(guards[k]) for k in own]
+            for name in constants[0]:
+                self._of_guards.put(name, own[0], [each[name] for each in constants])
         self._stacked_modes = len(modes)
         ladders = self._ladders.ladders
         slots = ladders.step.shape[3]
@@ -306,11 +306,11 @@ class Automaton(JoinedModes):
         if slots != self._slots:
             stack.drop("change")
             self._joined, self._rows, self._slots = {}, {}, slots
-            stack.put("change", 0, np.zeros((2 * slots, 2 * slots + 1)))
+            stack.put("change", 0, np.zeros((1, 2 * slots, 2 * slots + 1)))
         for k in joined:
             if k not in self._joined:
                 row = self._joined[k] = self._rows.setdefault(id(guards[k].change), len(self._rows))
-                stack.put("change", row, _padded(guards[k].change, slots))
+                stack.put("change", row, _padded(guards[k].change, slots)[None])
         self.table = self.parts.table(self.regimes, guards)
         return Tables(
             ladders=ladders,
@@ -343,8 +343,9 @@ class Automaton(JoinedModes):
         coupled = [False] * len(self._elements)
         rubbed = coupled
         scraped, scrape = packed(guard.scrapes, self.parts.most_rubs, slots)
-        free = self.parts.along(self.parts.grips(self.regimes[guard.mode])[0], guard.element)
-        if isinstance(element, HardStop) and watch.event == IMPACT and free is False:
+        held, hits = self.parts.grips(self.regimes[guard.mode])[0], watch.event == IMPACT
+        free = hits and self.parts.along(held, guard.element) is False
+        if isinstance(element, HardStop) and free:
             contact = mode.contact(element.row(self._size))
             seen = mode.layout.seen
             kick[:, :seen] = element.sign * mode.placed(contact.kick)[:, :seen]

@@ -164,6 +164,10 @@ class Parts:
         stop opens, friction sticks, and a mass that then does not move lies at the stop. Sliders
         stick while the coordinate that they follow does not move over their surfaces.
         """
+        return self._settled(tuple(given))
+
+    @kept
+    def _settled(self, given: tuple[int, ...]) -> tuple[int, ...]:
         regimes = list(given)
         held = self.grips(regimes)[0]
         for k, stop in self.normal.items():
@@ -211,6 +215,10 @@ class Parts:
 
     def grips(self, regimes: Sequence[int]) -> tuple[tuple[int, ...], tuple[int, ...]]:
         """Numbers of the elements that hold, and of those that stick on rows that none holds."""
+        return self._grips(tuple(regimes))
+
+    @kept
+    def _grips(self, regimes: tuple[int, ...]) -> tuple[tuple[int, ...], tuple[int, ...]]:
         now = self.now(regimes)
         held = tuple(k for k, regime in enumerate(now) if regime.holds)
         sticking = (k for k, r in enumerate(now) if r.sticks and not self.follows(k))
