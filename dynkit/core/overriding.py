@@ -93,15 +93,10 @@ def used_of(kind: type) -> frozenset[str]:
 def open_members(kind: type) -> list[str]:
     """Return the public names of methods and properties that a subclass may override."""
     bases = [base for base in kind.__mro__ if issubclass(base, Extensible)]
-    names = {
-        name for base in bases for name, member in vars(base).items() if _is_open(name, member)
-    }
-    return sorted(names.difference(*map(_final_in, bases)))
-
-
-def _is_open(name: str, member: Any) -> bool:
-    public = name == "__call__" or not name.startswith("_")
-    return public and hasattr(member, "__get__")
+    members = (pair for base in bases for pair in vars(base).items())
+    names = {name for name, member in members if hasattr(member, "__get__")}
+    public = {name for name in names if name == "__call__" or not name.startswith("_")}
+    return sorted(public.difference(*map(_final_in, bases)))
 
 
 def _final_in(base: type) -> set[str]:
