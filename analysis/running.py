@@ -76,6 +76,7 @@ class Running(Extensible, ABC):
         # all annotated attributes are stored
         cls._stored = ("states", "cost", *inspect.get_annotations(cls))
 
+    @final
     def add(self, block: Attractor) -> None:
         """Add the next block.
 

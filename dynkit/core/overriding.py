@@ -1,51 +1,73 @@
-"""Subclasses of users: an override counts wherever its class is used, or it is refused."""
+"""Subclasses of users: an override counts wherever its class is used, or it is refused.
+
+A class must not override what its bases mark by `typing.final` or list as `_closed`. It must
+annotate those fields of its bases to which it gives other defaults. A method that follows from
+others, such as a jacobian, is inherited only together with these originals; where one is overridden
+or replaced, the class has the general method of the last base, such as differences. What many
+instances share, such as the matrices of energies, is derived anew where a field that it reads is
+different, or where the code of the class has changed. Stores and workers compare a digest of this
+code (`user_code`).
+"""
 
 from __future__ import annotations
 
-import hashlib
 import inspect
+from abc import ABCMeta
 from collections.abc import Mapping
-from functools import lru_cache
 from threading import RLock
-from types import CodeType
-from typing import Any, ClassVar
+from typing import Any, ClassVar, cast
+
+from dynkit.core.user_code import is_users
 
 
-class Extensible:
-    """A class that users may subclass.
+class _Renewing(ABCMeta):
+    """Finds again what a class inherits when an original, or what follows from it, is replaced."""
 
-    A class must not override what its bases mark by `typing.final`, and must annotate fields of its
-    bases to which it gives other defaults. Methods that follow from others, such as a jacobian, are
-    not inherited together with an overridden original: in their place is the method of the next
-    base that computes them from any original, for instance by differences.
+    _following: Mapping[str, tuple[str, ...]]
+
+    def __setattr__(cls, name: str, value: Any) -> None:
+        super().__setattr__(name, value)
+        cls._renew(name)
+
+    def __delattr__(cls, name: str) -> None:
+        super().__delattr__(name)
+        cls._renew(name)
+
+    def _renew(cls, name: str) -> None:
+        if any(name in (derived, *originals) for derived, originals in cls._following.items()):
+            _inherit(cls)
+            for each in cast("Any", cls).__subclasses__():
+                each._renew(name)
+
+
+class Extensible(metaclass=_Renewing):
+    """A class that users may subclass; the rule is that of this module.
 
     Raises
     ------
     TypeError
-        When a class is defined that breaks these rules.
+        When a class is defined that breaks the rule.
     """
 
     _following: ClassVar[Mapping[str, tuple[str, ...]]] = {}
     """For methods that follow from others, by name, the names of these originals."""
 
-    _stands_for: ClassVar[type]
-    """Of a class that dynkit makes from another one: that class."""
+    _closed: ClassVar[frozenset[str]] = frozenset()
+    """Names of members that classes of users must not override."""
 
     def __init_subclass__(cls, **options: Any) -> None:
         super().__init_subclass__(**options)
-        if "_stands_for" in vars(cls):
-            return
-        _refuse_final(cls)
-        _refuse_bare_fields(cls)
-        for name, originals in cls._following.items():
-            _inherit(cls, name, originals)
+        if "_used" not in vars(cls):
+            _refuse_final(cls)
+            _refuse_bare_fields(cls)
+            _inherit(cls)
 
 
 def watching(kind: type) -> Any:
     """Return a subclass whose instances note the names of attributes that are read."""
     with _lock:
         if "_watching" not in vars(kind):
-            setattr(kind, "_watching", _watching(kind))  # noqa: B010
+            type.__setattr__(kind, "_watching", _watching(kind))
         return vars(kind)["_watching"]
 
 
@@ -58,8 +80,7 @@ def _watching(kind: Any) -> Any:
         return super(made, self).__getattribute__(name)
 
     used: set[str] = set()
-    own = {"__getattribute__": read, "_used": used, "_stands_for": kind}
-    made: Any = type(kind)(kind.__name__, (kind,), own)
+    made: Any = type(kind)(kind.__name__, (kind,), {"__getattribute__": read, "_used": used})
     return made
 
 
@@ -69,94 +90,41 @@ def used_of(kind: type) -> frozenset[str]:
     return frozenset(known._used) if known else frozenset()
 
 
-def members_of(kind: type) -> tuple[tuple[str, _Member], ...]:
-    """Return which members of a user's classes have been read, to notice that one is replaced."""
-    own = _own_bases(kind)
-    if not own:
-        return ()
-    names = sorted(name for name in used_of(kind) if not name.startswith("__"))
-    found = ((n, next((vars(base)[n] for base in own if n in vars(base)), None)) for n in names)
-    return tuple((name, _Member(member)) for name, member in found if member is not None)
+def open_members(kind: type) -> list[str]:
+    """Return the public names of methods and properties that a subclass may override."""
+    bases = [base for base in kind.__mro__ if issubclass(base, Extensible)]
+    members = (pair for base in bases for pair in vars(base).items())
+    names = {name for name, member in members if hasattr(member, "__get__")}
+    public = {name for name in names if name == "__call__" or not name.startswith("_")}
+    return sorted(public.difference(*map(_final_in, bases)))
 
 
-class _Member:
-    """A member of a class, equal to itself alone."""
-
-    def __init__(self, member: Any) -> None:
-        self._member = member
-
-    def __eq__(self, other: object) -> bool:
-        return isinstance(other, _Member) and self._member is other._member
-
-    def __hash__(self) -> int:
-        return id(self._member)
+def _final_in(base: type) -> set[str]:
+    """Names of what subclasses of a class must not override."""
+    return {n for n, m in vars(base).items() if _is_marked(m)}.union(vars(base).get("_closed", ()))
 
 
-def code_of(kind: type) -> str:
-    """Return a digest of the methods of a class that are not this package's; empty for none.
-
-    Docstrings and comments do not enter, nor do functions outside of the class. The digest belongs
-    to one version of Python.
-    """
-    own = _own_bases(kind)
-    members = [pair for base in own for pair in sorted(vars(base).items(), key=lambda p: p[0])]
-    codes = [(name, *_contents(function)) for name, each in members if (function := _plain(each))]
-    return hashlib.sha256(repr(codes).encode()).hexdigest() if codes else ""
-
-
-_SHIPPED = "dynkit", "builtins", "abc", "typing"
-
-
-@lru_cache(maxsize=256)
-def _own_bases(kind: type) -> tuple[type, ...]:
-    """The class and its bases that are not this package's."""
-    return tuple(base for base in kind.__mro__ if base.__module__.partition(".")[0] not in _SHIPPED)
-
-
-def _plain(member: Any) -> Any:
-    """The written function of a method, property, static method or function of Numba, or None."""
-    for name in ("fget", "func", "__func__", "py_func", "__wrapped__"):
-        member = getattr(member, name, None) or member
-    code = getattr(member, "__code__", None)
-    # methods that `dataclass` makes have no file
-    return member if code is not None and code.co_filename != "<string>" else None
-
-
-def _contents(function: Any) -> tuple[object, ...]:
-    """Instructions, names and constants of a function, without its docstring."""
-    code, found = function.__code__, []
-    for each in code.co_consts:
-        if isinstance(each, CodeType):
-            found.append(repr((each.co_code, each.co_names, each.co_consts)))
-        elif isinstance(each, frozenset):
-            found.append(repr(sorted(map(repr, each))))
-        elif each is not None and each != function.__doc__:
-            found.append(repr(each))
-    return code.co_code, code.co_names, code.co_varnames, found
+def _is_marked(member: Any) -> bool:
+    # an instance of a final class has this attribute by its class
+    parts = (each for each in (member, getattr(member, "fget", None)) if not isinstance(each, type))
+    return any("__final__" in getattr(each, "__dict__", ()) for each in parts)
 
 
 def _refuse_final(cls: type) -> None:
     """Refuse overrides of what a base marks as final, also by a base of another family."""
-    final: dict[str, type] = {}
-    for base in reversed(cls.__mro__):
-        own = vars(base)
-        if base is not cls and own.get("__final__"):
+    before: set[str] = set()
+    for base in cls.__mro__:
+        if base is not cls and "__final__" in vars(base):
             raise TypeError(
                 f"{cls.__name__} must not be a subclass of {base.__name__}, which is final"
             )
-        for name in final.keys() & own.keys():
+        for name in sorted(before & _final_in(base)):
+            known = open_members(next(b for b in cls.__mro__[1:] if issubclass(b, Extensible)))
             raise TypeError(
-                f"{cls.__name__} must not override {name} of {final[name].__name__}, which is "
-                "final: an override would have no effect in compiled code"
+                f"{cls.__name__} must not override {name} of {base.__name__}, which is final: some "
+                f"results would ignore it; a subclass may override {', '.join(known)}"
             )
-        marked = (name for name, member in own.items() if _is_final(member))
-        final |= dict.fromkeys(marked, base)
-
-
-def _is_final(member: object) -> bool:
-    member = getattr(member, "fget", None) or member
-    # an instance of a final class has this attribute by its class
-    return not isinstance(member, type) and "__final__" in getattr(member, "__dict__", ())
+        before |= vars(base).keys() if is_users(base) else set()
 
 
 def _refuse_bare_fields(cls: type) -> None:
@@ -171,37 +139,39 @@ def _refuse_bare_fields(cls: type) -> None:
         )
 
 
-def _inherit(cls: type, name: str, originals: tuple[str, ...]) -> None:
-    """Inherit a method from the first base whose method holds for the originals of the class."""
-    bases = _definers(cls, name)
-    stale = [each for each in originals if not _holds(cls, bases[0], name, each)]
-    if not stale:
-        return
-    for each in (each for each in stale if _uses(cls, each, name)):
-        raise TypeError(
-            f"{cls.__name__} must define {name}, too, as it overrides {each}, which calls {name}: "
-            f"that of {bases[0].__name__} belongs to another {each}"
-        )
-    holds = (base for base in bases if all(_holds(cls, base, name, each) for each in originals))
-    setattr(cls, name, vars(next(holds))[name])
+def _inherit(cls: Any) -> None:
+    """Give a class those methods of its bases that hold for its originals."""
+    found = dict(vars(cls).get("_inherited", {}))
+    for name in found.keys() & vars(cls).keys():
+        if vars(cls)[name] is found[name]:
+            type.__delattr__(cls, name)
+    for name, originals in cls._following.items():
+        bases = [base for base in cls.__mro__ if name in vars(base)]
+        # that of the last base takes any original
+        holds = next((b for b in bases[:-1] if not _stale(cls, b, originals)), bases[-1])
+        if holds is not bases[0]:
+            _refuse_circle(cls, name, _stale(cls, bases[0], originals))
+            found[name] = vars(holds)[name]
+            type.__setattr__(cls, name, found[name])
+    type.__setattr__(cls, "_inherited", found)
 
 
-def _definers(cls: type, name: str) -> list[type]:
-    return [base for base in cls.__mro__ if name in vars(base)]
+def _stale(cls: type, base: type, originals: tuple[str, ...]) -> list[str]:
+    """Originals that a base knows, and that the class has from a base before it."""
+    before = cls.__mro__[: cls.__mro__.index(base)]
+    known = (each for each in originals if hasattr(base, each))
+    concrete = (n for n in known if not getattr(getattr(base, n), "__isabstractmethod__", False))
+    return [each for each in concrete if any(each in vars(b) for b in before)]
 
 
-def _holds(cls: type, base: type, name: str, original: str) -> bool:
-    """Whether a base's method does not belong to an original that the class has overridden."""
-    known = getattr(base, original, None)
-    if known is None or getattr(known, "__isabstractmethod__", False):
-        return True
-    order = cls.__mro__
-    first = base is _definers(cls, name)[-1]  # it takes any original
-    return first or order.index(base) <= order.index(_definers(cls, original)[0])
-
-
-def _uses(cls: type, original: str, name: str) -> bool:
-    """Whether an original calls the method that follows from it, as a linear map its jacobian."""
-    members = (vars(base)[original] for base in _definers(cls, original)[:-1])
-    codes = (getattr(getattr(each, "fget", each), "__code__", None) for each in members)
-    return any(name in code.co_names for code in codes if code is not None)
+def _refuse_circle(cls: type, name: str, stale: list[str]) -> None:
+    """Refuse that differences of an original call a method that is computed by them."""
+    for original in stale:
+        bases = [base for base in cls.__mro__ if original in vars(base)]
+        members = (vars(base)[original] for base in bases[:-1])
+        codes = (getattr(getattr(each, "fget", each), "__code__", None) for each in members)
+        if any(name in code.co_names for code in codes if code is not None):
+            raise TypeError(
+                f"{cls.__name__} must define {name}, too, as it overrides {original}, which calls "
+                f"{name}: that of its base class belongs to another {original}"
+            )

@@ -8,8 +8,9 @@ from typing import Any, ClassVar, Self, cast, final, get_origin
 
 import numpy as np
 
-from dynkit.core.overriding import Extensible, code_of
+from dynkit.core.overriding import Extensible
 from dynkit.core.reprs import Shown
+from dynkit.core.user_code import code_of
 from dynkit.core.validation import one_of
 
 _NUMBERS = (int, float, np.integer, np.floating)

@@ -34,9 +34,8 @@ class SmoothMap(Family, ABC):
         "jacobian_factors": ("__call__", "jacobian"),
         "parameter_derivative": ("__call__",),
         "iterate_into": ("__call__",),
-        **dict.fromkeys(
-            ("stretching", "_growth", "_followed"), ("__call__", "jacobian", "jacobian_factors")
-        ),
+        "stretching": ("__call__", "jacobian", "jacobian_factors", "return_time"),
+        **dict.fromkeys(("_growth", "_followed"), ("__call__", "jacobian", "jacobian_factors")),
     }
 
     @property
@@ -356,7 +355,9 @@ class SmoothMap(Family, ABC):
         After the factors and their errors may follow how many directions are known to be lost in
         each factor. A time is NaN for a map without times.
         """
-        return self.image(state), [self.jacobian_factors(state)], [np.nan]
+        untimed = type(self).return_time is SmoothMap.return_time
+        time = np.nan if untimed else self.return_time(state)
+        return self.image(state), [self.jacobian_factors(state)], [time]
 
     @final
     def iterate(self, state: Array, n: int) -> Array:

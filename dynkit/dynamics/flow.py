@@ -199,6 +199,7 @@ class Flow(Family, ABC):
             lambda changed: replaced(self, **{name: changed}).velocity(state), self.value_of(name)
         )
 
+    @final
     def integral(self, name: str, state: Array) -> float:
         """Return the value of one of the `integrals` at a state, (d,)."""
         return float(getattr(self, one_of("integral", name, self.integrals))(state))

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any, TypeAlias
+from typing import Any, ClassVar, TypeAlias, final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -79,8 +79,9 @@ class Map(SmoothMap):
 
     Stores and executors also require that the fields (`identity`) are numbers, strings, arrays, or
     tuples of them. The class must be importable from a file, and instances must be picklable. A
-    store is continued by the same methods of the class in the same version of Python, and refused
-    where one has changed; functions outside of the class are not compared.
+    store is continued by the same code of the class in the same version of Python, and refused
+    where a method has changed, or a function or constant that it names. Of constants, numbers,
+    texts, arrays and tuples are compared; lists, dictionaries and other objects are not.
 
     Instances are immutable. `dynkit.testing.check_map` tests a subclass against this contract.
 
@@ -106,6 +107,8 @@ class Map(SmoothMap):
     >>> logistic.replace(rate=2.0).parameters
     {'rate': 2.0}
     """
+
+    _closed: ClassVar[frozenset[str]] = frozenset({"orbit_factors", "seen_of"})
 
     def attractor(self, *, start: Any = None, transient: int = 700, keep: int = 100) -> Attractor:
         """Return the motion from a start after its transient.
@@ -154,6 +157,7 @@ class Map(SmoothMap):
         """
         return self.attractor(start=final, transient=1, keep=keep)
 
+    @final
     def stream(
         self, *, start: Any = None, transient: int = 700, keep: int, block: int = 10_000
     ) -> Stream:

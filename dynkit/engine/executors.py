@@ -12,8 +12,9 @@ from io import BytesIO
 from queue import SimpleQueue
 from typing import Any, Generic, TypeVar, cast, final
 
-from dynkit.core.overriding import Extensible, code_of
+from dynkit.core.overriding import Extensible
 from dynkit.core.progress import late_bar
+from dynkit.core.user_code import code_of
 
 _Task = TypeVar("_Task")
 _Result = TypeVar("_Result")

@@ -8,13 +8,14 @@ from abc import abstractmethod
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cache, cached_property
-from typing import TYPE_CHECKING, Any, Self, final
+from typing import TYPE_CHECKING, Any, ClassVar, Self, final
 
 import numpy as np
 
 from dynkit.core.no_motion import NoCrossing
 from dynkit.core.smooth_map import generic_direction
 from dynkit.core.stretching import Stretching
+from dynkit.core.user_code import code_of, overridden_in
 from dynkit.core.validation import Array, finite_array
 from dynkit.dynamics.map import Map
 from dynkit.systems.impact.elements.laws import law_text
@@ -52,6 +53,9 @@ _FEW, _MOST, _NUMBERS = 32, 512, 1_000_000
 """Numbers of impacts, and of numbers in their derivatives, that are followed together."""
 
 
+_ENERGIES = {"degrees_of_freedom", "kinetic", "potential", "dissipation"}
+"""Members that the matrices, or the texts of energies, stand for."""
+
 _OF_STRUCTURE = "_derivation", "_curves", "_structure", "_soft", "_sliders"
 _OF_ALL = (*_OF_STRUCTURE, "_stops", "_contacts", "_contact")
 """What oscillators share whose structures are the same; and whose tables are, too."""
@@ -65,6 +69,10 @@ def _arguments_of(kind: Any) -> tuple[str, ...]:
 @dataclass(frozen=True, kw_only=True)
 class ImpactMap(DrivenStructure, Map):
     """Base of `ImpactOscillator`: the part that records, attractors and orbits use."""
+
+    _closed: ClassVar[frozenset[str]] = frozenset(
+        ("accuracy", "conservative", "coordinates", "iterate_into", "jacobian_factors", "seen_of")
+    )
 
     # results know their system: their classes stand above this one
     @abstractmethod
@@ -131,7 +139,10 @@ class ImpactMap(DrivenStructure, Map):
 
     @property
     def identity(self) -> Mapping[str, object]:
-        """Everything that determines the motion: arguments, and matrices of the energies."""
+        """Everything that determines the motion: arguments, and matrices of the energies.
+
+        Of a class that overrides more than energies, such as a start, `code` is a digest.
+        """
         names = (*self._arguments, "mass", "damping_matrix", "stiffness")
         found = {name: getattr(self, name) for name in names}
         laws = tuple(stop.restitution for stop in self._stops)
@@ -143,7 +154,9 @@ class ImpactMap(DrivenStructure, Map):
         elements = {"elements": tuple(map(repr, self.elements))}
         own = [e for e in self.elements if "__final__" not in vars(type(e))]
         forces = tuple(repr((e.regimes, e.sign, e.phasor, e.drift, e.leans_on)) for e in own)
-        return found | of_law | smooth | elements | ({"regimes": forces} if forces else {})
+        more = overridden_in(type(self)) - _ENERGIES - set(self._arguments)
+        code = {"code": code_of(type(self))} if more else {}
+        return found | of_law | smooth | elements | ({"regimes": forces} if forces else {}) | code
 
     @property
     def _numbers(self) -> dict[str, float]:
@@ -349,6 +362,7 @@ class ImpactMap(DrivenStructure, Map):
     def _families(self) -> str:
         return "as where friction or a slider never slips" if self._soft else ""
 
+    @final
     def call_errors(self, states: Array) -> Array:
         """Return errors (n,) of the calls of states: what the disturbances of a record change.
 

@@ -11,9 +11,10 @@ from typing import TYPE_CHECKING, Any, ClassVar, TypeVar, cast, final
 
 import numpy as np
 
-from dynkit.core.overriding import Extensible, members_of, used_of, watching
+from dynkit.core.overriding import Extensible, used_of, watching
 from dynkit.core.parameters import cached_in, without_cached
 from dynkit.core.reprs import Facts, Shown
+from dynkit.core.user_code import reading_of
 from dynkit.core.validation import Array, positive_integer
 from dynkit.systems.structure.definiteness import check_definite, check_semidefinite
 from dynkit.systems.structure.energies import quadratic_form, symbols
@@ -251,7 +252,7 @@ def _key(structure: LagrangianStructure) -> Hashable | None:
     except TypeError:
         return None
     # The key holds the functions, since a method of a class can be replaced.
-    return kind, kind.kinetic, kind.potential, kind.dissipation, members_of(kind), values
+    return kind, kind.kinetic, kind.potential, kind.dissipation, reading_of(kind), values
 
 
 def _frozen(value: object) -> Hashable:

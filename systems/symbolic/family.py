@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING, Any, final
 
 import numpy as np
 
-from dynkit.core.overriding import members_of
 from dynkit.core.parameters import Family, without_cached
+from dynkit.core.user_code import reading_of
 from dynkit.core.validation import Array, finite_array
 from dynkit.systems.symbolic.derivation import (
     Structure,
@@ -56,6 +56,7 @@ class CodedFamily(Family):
         found = self._filled(program.by_parameters, state, shape)
         return found[:, names.index(name)].copy()
 
+    @final
     @cached_property
     def dimension(self) -> int:
         """The number d of the state's coordinates."""
@@ -116,8 +117,8 @@ def program_of(
     names = tuple(system.parameters)
     # the key holds functions and attributes, since those of a class can be replaced
     given = kind, getattr(kind, method), names, structure_of(system, names), scalar, angles
-    found = _programs.get((given, members_of(kind)))
+    found = _programs.get((given, reading_of(kind)))
     if found is None:
         found = Program(*given)
-        _programs[given, members_of(kind)] = found  # by now it is known which are used
+        _programs[given, reading_of(kind)] = found  # by now it is known which are used
     return found

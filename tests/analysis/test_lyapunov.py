@@ -269,6 +269,28 @@ def test_the_plot_ends_in_the_exponents() -> None:
     assert ends == pytest.approx(sorted(henon().exponents), abs=1e-3)
 
 
+class TimedLogistic(Logistic):
+    def return_time(self, state: Array) -> float:
+        return 2.0
+
+
+class TimedParabola(Map):
+    rate: float = 4.0
+    dimension = 1
+
+    def __call__(self, state: Array) -> Array:
+        return self.rate * state * (1.0 - state)
+
+    def return_time(self, state: Array) -> float:
+        return 2.0
+
+
+@pytest.mark.parametrize("system", [TimedLogistic(rate=4.0), TimedParabola(rate=4.0)])
+def test_a_map_with_times_of_its_own_has_exponents_per_time(system: Map) -> None:
+    spectrum = LyapunovSpectrum.of_map(system, [0.3], iterations=200)
+    assert spectrum.per_time == pytest.approx(0.5 * spectrum.exponents, rel=1e-12)
+
+
 def test_a_map_without_times_has_no_exponents_per_time() -> None:
     spectrum = LyapunovSpectrum.of_map(Henon(), [0.1, 0.1], iterations=200)
     with pytest.raises(ValueError, match="system must have return times; got Henon"):

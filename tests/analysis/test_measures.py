@@ -46,6 +46,7 @@ class Shaky(Map):
     def __call__(self, state: Array) -> Array:
         Shaky.calls += 1
         if Shaky.calls >= Shaky.last:
+            Shaky.last = Shaky.calls + 10**9  # what a method assigns is not compared
             raise KeyboardInterrupt
         return np.asarray(4.0 * state * (1.0 - state))
 

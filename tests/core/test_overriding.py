@@ -17,6 +17,7 @@ import pytest
 import sympy
 
 from dynkit import Hyperplane, Map, PoincareMap, basins, periodic_orbit, sweep
+from dynkit.analysis import Running
 from dynkit.core.differences import numerical_derivative, parameter_difference
 from dynkit.core.overriding import Extensible
 from dynkit.core.smooth_map import SmoothMap
@@ -31,6 +32,7 @@ from dynkit.systems import (
     ImpactChain,
     ImpactDuffing,
     ImpactLaw,
+    ImpactRod,
     IntegratedFlow,
     Lorenz,
     MatrixOscillator,
@@ -232,6 +234,37 @@ def test_a_linear_map_must_define_the_jacobian_that_its_call_uses() -> None:
         class Bent(Linear):
             def __call__(self, state: Array) -> Array:
                 return super().__call__(state) - state**3
+
+
+def test_a_call_that_is_replaced_in_its_class_renews_what_follows(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    class Own(Henon):
+        pass
+
+    class Derived(Own):
+        pass
+
+    here, exact = np.array([0.3, 0.2]), Own().jacobian(np.array([0.3, 0.2]))
+    with monkeypatch.context() as patch:
+        patch.setattr(Own, "__call__", lambda self, state: 0.5 * Henon.__call__(self, state))
+        for kind in (Own, Derived):
+            assert kind().jacobian(here) == pytest.approx(0.5 * exact, abs=1e-10)
+            assert kind().iterate(here, 3)[-1].tolist() == Halved().iterate(here, 3)[-1].tolist()
+        patch.setattr(Own, "jacobian", lambda self, state: 0.5 * Henon.jacobian(self, state))
+        assert Derived().jacobian(here).tolist() == (0.5 * exact).tolist()
+    assert Own.jacobian is Derived.jacobian is Henon.jacobian
+    assert Own.stretching is Henon.stretching
+
+
+def test_a_velocity_that_is_replaced_in_its_class_renews_its_derivative() -> None:
+    class Own(Pendulum):
+        pass
+
+    Own.velocity = lambda self, state: 2.0 * Pendulum.velocity(self, state)  # type: ignore[method-assign]
+    here = np.array([1.0, 0.2])
+    found = Own().velocity_jacobian(here)
+    assert found == pytest.approx(2.0 * Pendulum().velocity_jacobian(here), abs=1e-9)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -484,6 +517,49 @@ def test_a_default_start_of_its_own_is_that_of_all_motions() -> None:
     assert kept.observable("relative_velocity").tolist() == wanted
 
 
+def _chain(**members: Any) -> Any:
+    """A chain of a class of one name, whatever its members are."""
+    kind: Any = _of(ImpactChain, **members)()
+    return kind(masses=2, frequency=0.9)
+
+
+def _thrown(speed: float) -> Any:
+    return lambda self: self.state([0.5, 3.0], [0.0, speed])
+
+
+@pytest.mark.parametrize(
+    "members",
+    [
+        lambda speed: {"default_start": property(_thrown(speed))},
+        lambda speed: {"state_from": lambda self, numbers: self.state(numbers[:2] * speed)},
+        lambda speed: {"start_size": property(lambda _: 5 + int(speed))},
+    ],
+)
+def test_a_store_is_not_continued_by_a_class_that_starts_otherwise(
+    members: Callable[[float], dict[str, Any]], tmp_path: Path
+) -> None:
+    store, given = tmp_path / "own.h5", dict[str, Any](transient=3, keep=3, progress=False)
+    for speed in (1.0, 1.0):
+        sweep(_chain(**members(speed)), "frequency", [0.9], store=store, **given)
+    with pytest.raises(ValueError, match="was made with code"):
+        sweep(_chain(**members(2.0)), "frequency", [0.9], store=store, **given)
+    with pytest.raises(ValueError, match="was made with code"):
+        sweep(_chain(), "frequency", [0.9], store=store, **given)
+
+
+def test_a_store_is_continued_by_energies_of_the_same_matrices(tmp_path: Path) -> None:
+    def one(self: Any, x: Any) -> Any:
+        return ImpactChain.potential(self, x) + x[0] ** 2
+
+    def other(self: Any, x: Any) -> Any:
+        return x[0] ** 2 + ImpactChain.potential(self, x)
+
+    store, given = tmp_path / "own.h5", dict[str, Any](transient=3, keep=3, progress=False)
+    made = sweep(_chain(potential=one), "frequency", [0.9], store=store, **given)
+    same = sweep(_chain(potential=other), "frequency", [0.9], store=store, **given)
+    assert same.cost.counts == made.cost.counts
+
+
 class Falling(BouncingBall):
     """Starts are given by height and downward velocity."""
 
@@ -577,6 +653,26 @@ REFUSED = [
     (_of(ImpactChain, restitution=0.5), "must annotate restitution, a field of its base class"),
     (_of(Henon, b=0.2), "must annotate b, a field of its base class"),
     (_of(HybridFlow, value_of=_method), "must not override value_of of Family"),
+    (_of(ImpactChain, simulate=_method), "must not override simulate of ImpactOscillator"),
+    (_of(BouncingBall, attractor=_method), "must not override attractor of ImpactOscillator"),
+    (_of(PlayOscillator, find_orbits=_method), "must not override find_orbits of ImpactOscillator"),
+    (_of(ImpactChain, observables=property(_method)), "override observables of ImpactOscillator"),
+    (_of(ImpactChain, parameter_derivative=_method), "parameter_derivative of ImpactOscillator"),
+    (_of(ImpactChain, call_errors=_method), "must not override call_errors of ImpactMap"),
+    (_of(ImpactChain, accuracy=property(_method)), "must not override accuracy of ImpactMap"),
+    (
+        _of(MatrixOscillator, engine=property(_method)),
+        "must not override engine of Driven",
+    ),
+    (_of(ImpactChain, dimension=property(_method)), "override dimension of DrivenStructure"),
+    (_of(ImpactChain, natural_frequencies=property(_method)), "override natural_frequencies of"),
+    (_of(ImpactRod, kinetic=_method), "must not override kinetic of ImpactRod"),
+    (_of(SingleImpactOscillator, grazing_force=property(_method)), "override grazing_force of"),
+    (_of(Henon, dimension=property(_method)), "must not override dimension of CodedFamily"),
+    (_of(Map, stream=_method), "must not override stream of Map"),
+    (_of(Map, orbit_factors=_method), "must not override orbit_factors of Map"),
+    (_of(Pendulum, integral=_method), "must not override integral of Flow"),
+    (_of(Running, add=_method), "must not override add of Running"),
 ]
 
 
@@ -584,6 +680,16 @@ REFUSED = [
 def test_overrides_without_effect_are_refused(define: Callable[[], type], message: str) -> None:
     with pytest.raises(TypeError, match=message):
         define()
+
+
+def test_a_refusal_says_what_may_be_overridden() -> None:
+    with pytest.raises(TypeError, match=r"a subclass may override default_start, .* potential, "):
+        _of(ImpactChain, simulate=_method)()
+
+
+def test_a_final_method_that_is_final_again_is_refused() -> None:
+    with pytest.raises(TypeError, match="must not override iterate of SmoothMap"):
+        _of(Henon, iterate=final(lambda self: None))()
 
 
 def test_an_override_by_a_mixin_is_refused() -> None:

@@ -170,9 +170,8 @@ def test_arrays_of_another_rod_are_refused() -> None:
 
 
 def test_a_rod_whose_energies_are_overridden_is_refused() -> None:
-    class OnSprings(ImpactRod):
-        def potential(self, x: Any) -> Any:
-            return super().potential(x) + x[0] ** 2
+    with pytest.raises(TypeError, match="OnSprings must not override potential of ImpactRod"):
 
-    with pytest.raises(TypeError, match="OnSprings must not override energies of ImpactRod"):
-        OnSprings(frequency=1.0)
+        class OnSprings(ImpactRod):
+            def potential(self, x: Any) -> Any:  # type: ignore[misc]
+                return super().potential(x) + x[0] ** 2

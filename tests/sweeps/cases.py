@@ -28,7 +28,8 @@ class Counted(Logistic):
     def __call__(self, state: Array) -> Array:
         Counted.calls += 1
         if self.trap is not None and Counted.calls == self.trap[0]:
-            raise self.trap[1]
+            error, Counted.trap = self.trap[1], None  # what a method assigns is not compared
+            raise error
         return super().__call__(state)
 
 

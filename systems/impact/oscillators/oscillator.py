@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, cast
+from typing import TYPE_CHECKING, cast, final
 
 from dynkit.core.kept import kept
 from dynkit.core.validation import (
@@ -103,6 +103,7 @@ class ImpactOscillator(ImpactMap):
     15.
     """
 
+    @final
     def parameter_derivative(self, state: Array, name: str) -> Array:
         found, start = None, self.impact_state(state)
         if self._motion is None and (change := self._changes_by(name)) is not None:
@@ -115,6 +116,7 @@ class ImpactOscillator(ImpactMap):
         return change_by(self, name)
 
     @property
+    @final
     def observables(self) -> Sequence[str]:
         """Names of the record's arrays that a sweep can keep at each impact.
 
@@ -129,6 +131,7 @@ class ImpactOscillator(ImpactMap):
 
     # --- simulation -------------------------------------------------------------------------------
 
+    @final
     def simulate(self, *, impacts: int, start: ImpactState | None = None) -> ImpactRecord:
         """Simulate a number of impacts; stop earlier when no impact can happen any more.
 
@@ -154,6 +157,7 @@ class ImpactOscillator(ImpactMap):
         count = self._recorded("impacts", impacts)
         return ImpactRecord(self, self._run(self._entered(start), count, store=True))
 
+    @final
     def attractor(
         self,
         *,
@@ -190,9 +194,11 @@ class ImpactOscillator(ImpactMap):
         kept = self._run(before.final if before else state, count, store=True)
         return ImpactAttractor(self, skipped, ImpactRecord(self, kept), before)
 
+    @final
     def following(self, final: ImpactState, keep: int) -> ImpactAttractor:
         return self.attractor(start=final, transient=0, keep=keep)
 
+    @final
     def arrivals(
         self, starts: Array, orbits: Sequence[Attractor], transient: int, near: float
     ) -> Arrivals | None:
@@ -206,6 +212,7 @@ class ImpactOscillator(ImpactMap):
     def _attractor_of(self, record: ImpactRecord) -> ImpactAttractor:
         return ImpactAttractor(self, 0, record, None)
 
+    @final
     def periodic_orbit(
         self,
         *,
@@ -279,6 +286,7 @@ class ImpactOscillator(ImpactMap):
             raise ValueError(f"no orbit {label} was found for {self!r}")
         return orbits[0]
 
+    @final
     def periodic_orbits(
         self, *, impacts: int | None = None, periods: int = 1, sticking: bool = False
     ) -> list[ImpactOrbit]:
@@ -312,6 +320,7 @@ class ImpactOscillator(ImpactMap):
             return [orbit for orbit in found if orbit.label == wanted]
         return find_orbits(self, impacts, periods, sticking=sticking)
 
+    @final
     def find_orbits(self, *, impacts: int = 3, periods: int = 4) -> OrbitSearch[ImpactOrbit]:
         """Return the periodic orbits up to P(n,m) that a search finds, stable or unstable.
 

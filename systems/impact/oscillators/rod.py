@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, field
 from functools import cached_property
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, final
 
 import numpy as np
 
@@ -99,11 +99,6 @@ class ImpactRod(ImpactOscillator):
     elements: tuple[Element, ...] = field(init=False, repr=False, default=())
 
     def __post_init__(self) -> None:
-        if not self._has_energies_of(ImpactRod):
-            raise TypeError(
-                f"{type(self).__name__} must not override energies of ImpactRod, from whose modes "
-                "it is reduced; use ImpactChain"
-            )
         count = positive_integer("masses", self.masses)
         if count < 2:
             raise ValueError(f"masses must be at least 2; got {count}")
@@ -120,6 +115,7 @@ class ImpactRod(ImpactOscillator):
         super().__post_init__()
 
     @property
+    @final
     def degrees_of_freedom(self) -> int:
         return (self.masses - 1 if self.kept_modes is None else self.kept_modes) + 1
 
@@ -157,14 +153,17 @@ class ImpactRod(ImpactOscillator):
         stiffness = self.density * self.wave_speed**2 / self.length
         return whole / 3.0 + self.density * h * h / (6.0 * self.length), stiffness
 
+    @final
     def kinetic(self, v: tuple[sympy.Symbol, ...]) -> sympy.Expr:
         mass, couplings = self._end[0], self._chain[2].tolist()
         ends = sum((m * v[-1] * p for m, p in zip(couplings, v[:-1], strict=False)), 0 * v[-1])
         return sum((p**2 / 2 for p in v[:-1]), ends) + mass * v[-1] ** 2 / 2
 
+    @final
     def potential(self, x: tuple[sympy.Symbol, ...]) -> sympy.Expr:
         return sum(k * y**2 / 2 for k, y in zip(self._springs.tolist(), x, strict=True))
 
+    @final
     def dissipation(self, v: tuple[sympy.Symbol, ...]) -> sympy.Expr:
         return self.damping * self.potential(v)
 
@@ -189,11 +188,13 @@ class ImpactRod(ImpactOscillator):
     # --- states and shapes ------------------------------------------------------------------------
 
     @property
+    @final
     def nodes(self) -> Array:
         """Places (N,) of the masses along the rod, from the far end; the near end is the last."""
         first = int(self.far_end == "fixed")
         return np.asarray(self._spacing * np.arange(first, self.masses + first), dtype=np.float64)
 
+    @final
     def moving(self, displacement: float, velocity: float, phase: float = 0.0) -> ImpactState:
         """A state in the shape of rest under a displacement of the near end.
 
@@ -208,6 +209,7 @@ class ImpactRod(ImpactOscillator):
         x[-1], v[-1] = displacement, velocity
         return self.state(x, v, phase)
 
+    @final
     def displacements(self, coordinates: object) -> Array:
         """Displacements (..., N) of the masses from coordinates (..., n + 1); or their velocities.
 
@@ -223,6 +225,7 @@ class ImpactRod(ImpactOscillator):
         shapes, ramp = self._shapes
         return np.asarray(given[..., :-1] @ shapes + given[..., -1:] * ramp)
 
+    @final
     def reduced(self, displacements: object) -> Array:
         """Coordinates (n + 1,) of displacements (N,) of the masses, or of their velocities.
 
@@ -253,6 +256,7 @@ class ImpactRod(ImpactOscillator):
 
     # --- what left-out modes change ---------------------------------------------------------------
 
+    @final
     def truncation_errors(self, record: ImpactRecord) -> Array:
         """Bounds (k,) of what the modes that are left out change until each event of a record.
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, ClassVar
+from typing import TYPE_CHECKING, ClassVar, final
 
 from dynkit.core.validation import check_fields, finite_scalar, non_negative
 from dynkit.systems.impact.oscillators.one_mass import OneMass
@@ -107,6 +107,7 @@ class SingleImpactOscillator(OneMass):
         return super().state(place, velocity, phase, sliders)
 
     @property
+    @final
     def grazing_force(self) -> float:
         """Force at which the steady response without stop just reaches the stop.
 

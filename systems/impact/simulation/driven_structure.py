@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, fields, replace
 from functools import cached_property
-from typing import Any, ClassVar, cast
+from typing import Any, ClassVar, cast, final
 
 import numpy as np
 
@@ -122,6 +122,7 @@ class DrivenStructure(LagrangianStructure):
         object.__setattr__(self, name, value)
 
     @property
+    @final
     def dimension(self) -> int:
         """Number of section coordinates: 2N, and one for each slider of a `Jenkins` element.
 
@@ -134,6 +135,7 @@ class DrivenStructure(LagrangianStructure):
         return 2 * self.degrees_of_freedom + more
 
     @property
+    @final
     def natural_frequencies(self) -> Array:
         """Natural frequencies of the structure in free flight, undamped, ascending, (N,).
 
@@ -142,6 +144,7 @@ class DrivenStructure(LagrangianStructure):
         return self.modes.frequencies
 
     @property
+    @final
     def modal_matrix(self) -> Array:
         """Mass-normalised modal matrix, (N, N), one mode per column, its last row not negative.
 
@@ -152,6 +155,7 @@ class DrivenStructure(LagrangianStructure):
         return self.modes.matrix
 
     @property
+    @final
     def engine(self) -> str:
         """Engine that follows its motions: ``"exponential sums"``, or ``"Taylor"``.
 
