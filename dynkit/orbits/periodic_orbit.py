@@ -19,6 +19,8 @@ from dynkit.orbits.solving import solve
 # States of an orbit that agree to this are tried as one state. After a period doubling they are
 # this close only where the parameter is within the square of it, 1e-14, of the bifurcation.
 _SAME = 1e-7
+# Far from the origin states of two orbits agree to that, too. They differ by many of their errors.
+_APART = 10.0
 _NONE = np.empty(0)
 _FAMILY = "no isolated periodic orbit found from the guess: it is one of a family, "
 
@@ -129,6 +131,17 @@ def _shorter(system: SmoothMap, states: Array) -> tuple[Array, tuple[float, ...]
             x, history = _solved(system, states[:k])
         except NoConvergence:
             continue
-        if (abs(system.difference(x.reshape(k, -1), states[:k])) <= near).all():
+        gap = abs(system.difference(x.reshape(k, -1), states[:k]))
+        if (gap <= near).all() and gap.max() <= _APART * (
+            _error(system, states, history) + _error(system, x.reshape(k, -1), history)
+        ):
             return x, history
     return None
+
+
+def _error(system: SmoothMap, states: Array, history: tuple[float, ...]) -> float:
+    """Return the error of a solution (n, d); infinity where it has none."""
+    try:
+        return MapOrbit(MapProblem(system, states), states.ravel(), history, Cost(0.0, {})).error
+    except NoMotion:
+        return np.inf

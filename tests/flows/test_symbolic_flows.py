@@ -22,7 +22,7 @@ from dynkit import (
     equilibrium,
     periodic_orbit,
 )
-from dynkit.analysis import LyapunovSpectrum
+from dynkit.analysis import LyapunovSpectrum, Sensitivity
 from dynkit.core.no_motion import CannotFollow, Diverged, NoCrossing
 from dynkit.core.validation import Array
 from dynkit.dynamics.flow import Flow
@@ -580,3 +580,13 @@ def test_errors_cover_orbits_in_small_units_and_far_from_the_origin(
     for found in (orbit, attractor):
         off = abs(found.states / size - exact.states[0]).max()
         assert off <= found.error / size + exact.error
+
+
+def test_the_error_of_sensitivity_covers_iterates_in_small_units() -> None:
+    size = 1e-8
+    plane = Hyperplane(np.array([0.0, 1.0]), 0.0, -1)
+    exact = periodic_orbit(PoincareMap(Scaled(), plane, 100.0), [2.0]).states[0]
+    system = PoincareMap(IntegratedScaled(size=size), plane, 100.0)
+    attractor = MapAttractor(system, size * exact, transient=0, iterations=1)
+    found = Sensitivity(attractor, distance=1e-3 * size, iterations=2)
+    assert abs(system(size * exact) - size * exact).max() <= found.error

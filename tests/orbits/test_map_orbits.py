@@ -8,13 +8,14 @@ from collections.abc import Callable
 
 import numpy as np
 import pytest
+import sympy as sp
 
-from dynkit import MapOrbit, periodic_orbit
+from dynkit import MapAttractor, MapOrbit, periodic_orbit
 from dynkit.core.no_motion import Diverged, Refused
 from dynkit.core.validation import Array, finite_array
 from dynkit.dynamics.map import Map
 from dynkit.orbits.newton import NoConvergence
-from dynkit.systems import DelayedLogistic, Henon, HighBounce, Logistic
+from dynkit.systems import DelayedLogistic, Henon, HighBounce, Logistic, SymbolicMap
 from tests.example_systems import CircleRotation
 from tests.orbits.references import cycles_at_four, eigenvalues, exact_orbit
 
@@ -335,3 +336,30 @@ def test_samples_are_at_whole_iterates(iterates: object) -> None:
     orbit = periodic_orbit(Logistic(2.5), [0.5])
     with pytest.raises(ValueError, match="iterates"):
         orbit.sample(iterates)
+
+
+class FarLogistic(SymbolicMap):
+    """The logistic map in small units, far from the origin."""
+
+    rate: float = 3.2
+    size: float = 1e-3
+    origin: float = 1e6
+
+    def next_state(self, x: sp.Expr) -> tuple[sp.Expr]:
+        u = (x - self.origin) / self.size
+        return (self.origin + self.size * self.rate * u * (1 - u),)
+
+
+# multipliers of P(2) at 3.2 and P(3) at 3.83: 4 + 2 r - r^2, and in 60 digits
+@pytest.mark.parametrize(("rate", "n", "multiplier"), [(3.2, 2, 0.16), (3.83, 3, 0.3298817)])
+@pytest.mark.parametrize("size", [1.0, 1e-3])
+def test_an_orbit_far_from_the_origin_keeps_its_period(
+    rate: float, n: int, multiplier: float, size: float
+) -> None:
+    # its states differ by 1e-10 of their size, and the rounding is a millionth of that
+    system = FarLogistic(rate=rate, size=size)
+    start = np.array([1e6 + 0.3123 * size])
+    attractor = MapAttractor(system, start, transient=3000, iterations=60)
+    orbit = attractor.periodic_orbit()
+    assert orbit.label == f"P({n})"
+    assert orbit.multipliers[0].real == pytest.approx(multiplier, abs=3e-4)
