@@ -109,3 +109,26 @@ def test_stick_begins_where_den_hartog_says() -> None:
     assert len(curve) > 5
     assert is_within(curve, limit(w), (limit(w + 1e-6) - limit(w - 1e-6)) / 2e-6)
     assert curve.error.max() < 1e-9
+
+
+def test_a_curve_of_grazing_just_at_an_impact_on_another_stop() -> None:
+    stops = [
+        HardStop(1, offset=-0.002, restitution=0.478, name="first"),
+        HardStop(0, offset=-0.107, restitution=0.512, name="second"),
+    ]
+    machine = ImpactChain(
+        masses=2, damping=0.144, frequency=0.5542, harmonic_forces=[0.0, 0.753], elements=stops
+    )
+    orbit = machine.attractor(transient=400, impacts=60).periodic_orbit()
+    branch = continue_orbit(orbit, "frequency", bounds=(0.55, 0.56), points=30)
+    (touch,) = branch.bifurcations
+    bounds = ((0.44336, 0.66504), (0.4096, 0.6144))
+    curve = continue_curve(touch, ("frequency", "second.restitution"), bounds=bounds, points=4)
+    (again,) = (
+        found
+        for found in continue_orbit(
+            curve.orbit(0), "frequency", bounds=tuple(curve.parameters[0, 0] + [-2e-3, 2e-3])
+        ).bifurcations
+        if found.kind == "GR"
+    )
+    assert abs(again.value - curve.parameters[0, 0]) < 1e-10

@@ -288,6 +288,34 @@ def test_contacts_at_once_are_those_of_one_mass() -> None:
     assert abs(two.multipliers).max() == 0.0
 
 
+@pytest.mark.parametrize(
+    ("restitution", "frequency", "force", "damping", "offset", "spring"),
+    [
+        (0.6070448756787409, 0.38048654558455347, 0.5346467284194154, 0.105212, -0.0214942, 0.0),
+        (0.33958346153054364, 0.6587073396441081, 0.3684939968216021, 0.0624087, -0.0969771, 0.2),
+        (0.5186417298860712, 0.4569071361112158, 0.2727182593169764, 0.0985287, -0.0931212, 0.0),
+        (0.39145662690272054, 0.42486792953253877, 0.632228699846661, 0.145192, -0.0932572, 0.0),
+        (0.4010271742908449, 0.5696677031032442, 0.2815245211731731, 0.0959580, -0.0579185, 0.0),
+    ],
+)
+def test_stops_that_chatter_at_once_have_admissible_orbits(
+    restitution: float, frequency: float, force: float, damping: float, offset: float, spring: float
+) -> None:
+    """The order of the slowest bounces is rounding."""
+    machine = MatrixOscillator(
+        M=np.eye(2),
+        C=damping * np.eye(2),
+        K=[[1.0 + spring, -spring], [-spring, 1.0 + spring]],
+        frequency=frequency,
+        harmonic_forces=[force, force],
+        constant_forces=[-0.2, -0.2],
+        elements=[HardStop(k, offset=offset, restitution=restitution) for k in (0, 1)],
+    )
+    orbit = machine.attractor(transient=300, impacts=60).periodic_orbit()
+    assert orbit.label == "P(inf,1)"
+    assert orbit.admissible
+
+
 def test_a_parameter_parts_impacts_and_the_branch_holds_both_orders() -> None:
     parameter, bounds = "elements[0].offset", (-0.11, -0.09)
     orbit = orbit_of(both("hard stops"))

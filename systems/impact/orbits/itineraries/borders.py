@@ -301,7 +301,8 @@ class VanishingInterval(Border):
             return math.inf
         value = float(solution.durations[self.part] / solution.period)
         # events of a symmetric machine stay at once
-        return 0.0 if not self.ends and abs(value) <= AT_ONCE else value
+        together = abs(value) <= solution.least_apart(self.part, self.problem.sizes[0])
+        return 0.0 if together and not self.ends else value
 
     def _events(self, itinerary: Itinerary) -> tuple[Happening, Happening]:
         return itinerary[self.part], itinerary[(self.part + 1) % len(itinerary)]

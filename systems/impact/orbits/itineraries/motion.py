@@ -28,6 +28,9 @@ SAME = 1e-6
 AT_ONCE = 2.0**-45
 """In units of a period: events so near happen at once, as of a symmetric machine."""
 
+_ROUNDING = 64.0 * 2.0**-52
+"""In units of the largest position: rounding of gaps."""
+
 
 class Lap(NamedTuple):
     """The unknowns of an itinerary of n events and k impacts.
@@ -96,6 +99,17 @@ class ItinerarySolution(ABC):
     def durations(self) -> Any:
         """Times (n,) from each event to the next, negative where their order is another one."""
         return np.diff(self.lap.phases) / self.clock
+
+    def least_apart(self, i: int, size: float) -> float:
+        """Part of a period within which the order of event number `i` and the next is rounding.
+
+        That of slow impacts is rounding of gaps, at positions of some size, over the impulses.
+        """
+        pair = [k for k in (i, (i + 1) % self.events) if k in self.impulse_of]
+        slowest = min(abs(float(self.impulses[self.impulse_of[k]])) for k in pair) if pair else 0.0
+        if len(pair) < 2 or slowest == 0.0:
+            return AT_ONCE
+        return max(AT_ONCE, _ROUNDING * size / (slowest * float(self.period)))
 
     # --- states -----------------------------------------------------------------------------------
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
+from dynkit.core.no_motion import NoMotion
 from dynkit.core.validation import Array
 from dynkit.systems.impact.orbits.itineraries.motion import SAME
 from dynkit.systems.impact.simulation.trajectory import Trajectory
@@ -24,7 +25,10 @@ def flights_are_open(s: ResponseSolution) -> bool:
         return True
     system, within = s.system(), SAME * s.period
     for i, state in enumerate(s.section_states):
-        run = system._run(system.impact_state(state), 1, store=True)
+        try:
+            run = system._run(system.impact_state(state), 1, store=True)
+        except NoMotion:  # at a grazing another gap is zero, or negative by rounding
+            return False
         end = int(s.sides[s.ends(i)[1]])
         if not follows(run, s.lasts[i : i + 1], [end], within):
             return False
