@@ -108,8 +108,10 @@ class ImpactMap(DrivenStructure, Map):
         Raises
         ------
         ValueError
-            When a name is not an argument of this class, or a value is refused.
+            When a name is not an argument of this class, a value is refused, or the class computes
+            it from other arguments.
         """
+        asked = dict(parameters)
         known, of_elements = self._arguments, [*self._numbers, *laws_of(self.elements)]
         for name in parameters:
             if name not in known and name not in of_elements:
@@ -126,6 +128,13 @@ class ImpactMap(DrivenStructure, Map):
             defaults = {e.name: e.default for e in dataclasses.fields(self) if e.name in OF_TABLE}
             parameters = defaults | parameters
         made = dataclasses.replace(self, **parameters)
+        own, found = self.parameters, made.parameters
+        for name in own.keys() & asked.keys():
+            if found.get(name) == own[name] != asked[name]:
+                kind = type(self).__name__
+                raise ValueError(
+                    f"{name} must be {own[name]:.16g}, which {kind} computes; got {asked[name]!r}"
+                )
         made._take(self)
         return made
 

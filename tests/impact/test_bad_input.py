@@ -5,12 +5,15 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Callable
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 import pytest
 
 from dynkit.core.no_motion import NoCrossing
+from dynkit.sweeps import sweep
+from dynkit.systems.impact.elements.stops import HardStop
 from dynkit.systems.impact.oscillators.chain import ImpactChain
 from dynkit.systems.impact.records.record import ImpactRecord
 from dynkit.systems.impact.simulation.trajectory import Ending
@@ -171,3 +174,25 @@ def test_a_phase_is_taken_modulo_two_pi(phase: float) -> None:
     state = make().state(phase=phase)
     assert 0.0 <= state.phase < 2.0 * math.pi
     assert math.sin(state.phase) == pytest.approx(math.sin(phase), abs=1e-15)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Facing(ImpactChain):
+    """A chain whose stop has its place from the class."""
+
+    gap: float = 0.1
+
+    def __post_init__(self) -> None:
+        stop = HardStop(-1, offset=-self.gap, amplitude=0.1, restitution=0.8, name="table")
+        object.__setattr__(self, "elements", (stop,))
+        super().__post_init__()
+
+
+def test_values_that_the_class_computes_are_not_ignored() -> None:
+    chain = Facing(masses=2, frequency=0.9)
+    message = r"table\.offset must be -0\.1, which Facing computes; got -0\.3"
+    with pytest.raises(ValueError, match=message):
+        chain.replace(**{"table.offset": -0.3})
+    with pytest.raises(ValueError, match="which Facing computes"):
+        sweep(chain, "table.offset", [-0.1, -0.3])
+    assert chain.replace(gap=0.3).value_of("table.offset") == -0.3

@@ -213,3 +213,14 @@ def test_parameters_that_energies_refuse_nearby_have_derivatives() -> None:
     ends = [system.replace(diameter=1.1e-9 + k)(state) for k in (2e-13, 1e-13, -1e-13, -2e-13)]
     differences = np.array([-1.0, 8.0, -8.0, 1.0]) @ ends / 1.2e-12
     assert system.parameter_derivative(state, "diameter") == pytest.approx(differences, rel=1e-7)
+
+
+@pytest.mark.parametrize("unit", [1e-6, 1e-9, 1e-12])
+def test_derivatives_where_a_parameter_is_zero_do_not_depend_on_its_unit(unit: float) -> None:
+    state = np.array([0.3, -0.2, 0.1, 0.4, 0.2, 1.0])
+    expected, found = (
+        size
+        * built(1.0, 1.0, 1.0, size).replace(diameter=0.0).parameter_derivative(state, "diameter")
+        for size in (1.0, unit)
+    )
+    assert found == pytest.approx(expected, rel=1e-8, abs=1e-9 * abs(expected).max())

@@ -102,7 +102,7 @@ def change_of(numbers: Callable[[float], Array], value: float) -> tuple[Array, b
         first, second = (near - here) / way, (far - near) / way
         if (abs(first - second) <= _AGREEMENT * np.maximum(abs(first), unit / abs(way))).all():
             return np.asarray((far - here) / (2.0 * way)), True
-        unit = np.maximum(unit, np.maximum(abs(near), abs(far)))
+        unit = np.where(unit > 0.0, unit, np.maximum(abs(near), abs(far)))
         break
     unit[unit == 0.0] = 1.0
     return unit * derivative(lambda there: numbers(there) / unit, value), False
