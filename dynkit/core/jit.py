@@ -121,7 +121,8 @@ def _classes() -> Any:
     """
     from llvmlite import binding
     from numba.core import codegen, compiler, compiler_machinery, dispatcher, types, typing
-    from numba.core.registry import CPUDispatcher
+    from numba.core.registry import CPUDispatcher, cpu_target
+    from numba.core.targetconfig import ConfigStack
 
     library: Any = codegen.JITCodeLibrary
     pipeline: Any = compiler.Compiler
@@ -129,32 +130,50 @@ def _classes() -> Any:
     options: Any = compiler.Flags
     context_of_types: Any = vars(typing)["Context"]
     compilation: Any = vars(dispatcher)["_FunctionCompiler"]
-    operators: dict[Any, Any] = {}
+    operators, sizes = dict[Any, Any](), dict[str, int]()
+    context: Any = cpu_target.target_context
+    flags: Any = ConfigStack
     apart = b"noinline"
 
-    class Operator(types.Function):
-        """An operator. Its types for numbers are found once: Numba tries NumPy's rules first."""
+    class Function(types.Function):
+        """A function of Numba, such as an operator. Types of a call are found once, of many rules.
 
-        def __init__(self, templates: Any) -> None:
-            super().__init__(templates)
+        Implementations are those of the given function.
+        """
+
+        def __init__(self, given: Any) -> None:
+            super().__init__(given.templates)
+            self._impl_keys = given._impl_keys
             self._known: dict[Any, Any] = {}
 
         def get_call_type(self, context: Any, args: Any, kws: Any) -> Any:
-            if kws or not all(isinstance(one, (types.Number, types.Boolean)) for one in args):
+            if kws:
                 return super().get_call_type(context, args, kws)
-            if args not in self._known:
-                self._known[args] = super().get_call_type(context, args, kws)
-            return self._known[args]
+            key = args, flags.top_or_none()  # some are compiled as their callers are
+            if key not in self._known:
+                found: Any = super().get_call_type(context, args, kws)
+                self._known[key] = found, self._impl_keys[found.args]
+            found, self._impl_keys[found.args] = self._known[key]
+            return found
+
+    function_of = cache(Function)
 
     class Typing(context_of_types):  # type: ignore[misc]
-        """Numba's context of types, with operators of its own."""
+        """Numba's context of types, with functions of its own."""
 
         def resolve_value_type(self, value: Any) -> Any:
             if getattr(value, "__module__", None) != "_operator":
                 return super().resolve_value_type(value)
             if value not in operators:
-                operators[value] = Operator(super().resolve_value_type(value).templates)
+                operators[value] = function_of(super().resolve_value_type(value))
             return operators[value]
+
+        def _resolve_user_function_type(self, given: Any, *rest: Any) -> Any:
+            if type(given) is types.Function:
+                given = function_of(given)
+            elif getattr(given, "__module__", None) == "_operator":
+                given = self.resolve_value_type(given)
+            return super()._resolve_user_function_type(given, *rest)
 
     @cache
     def alike(context: Any) -> Any:
@@ -177,6 +196,12 @@ def _classes() -> Any:
 
         def _customize_flags(self, flags: Any) -> Flags:
             return self.kinds.setdefault(repr(flags), Flags(flags))
+
+    def size_of(kind: Any) -> int:  # as LLVM finds it, for which Numba compiles a module each time
+        text = str(kind)
+        if text not in sizes:
+            sizes[text] = context.get_abi_sizeof(kind)
+        return sizes[text]
 
     class Entry(library):  # type: ignore[misc]
         def _optimize_functions(self, module: Any) -> None:
@@ -222,6 +247,7 @@ def _classes() -> Any:
         def __init__(self, context: Any, target: Any, *rest: Any) -> None:
             super().__init__(alike(context), target, *rest)
             own = self.state.targetctx.subtarget(typing_context=self.state.typingctx)
+            own.get_abi_sizeof = size_of
             self.state.targetctx = own
 
         def compile_extra(self, function: Any) -> Any:
