@@ -151,8 +151,9 @@ class POD(Saved):
 
         It includes rounding, the remainders of chatters, and, with times, the error of the
         trapezoidal rule. This is estimated by omission of every second sample at even times, and
-        from second differences at uneven times. For the difference to another part of the same
-        motion see `standard_errors`.
+        from second differences at uneven times; with fewer than some ten samples in the shortest
+        period either may be too small. For the difference to another part of the same motion see
+        `standard_errors`.
         """
         averages, entry = self._averages, self._averages.error
         if self.about == "mean":
