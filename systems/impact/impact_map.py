@@ -128,12 +128,13 @@ class ImpactMap(DrivenStructure, Map):
             defaults = {e.name: e.default for e in dataclasses.fields(self) if e.name in OF_TABLE}
             parameters = defaults | parameters
         made = dataclasses.replace(self, **parameters)
-        own, found = self.parameters, made.parameters
-        for name in own.keys() & asked.keys():
-            if found.get(name) == own[name] != asked[name]:
+        own, found = ({**vars(each), **each._numbers} for each in (self, made))
+        for name, value in asked.items():
+            before = own.get(name)
+            if isinstance(before, float) and found.get(name) == before != value:
                 kind = type(self).__name__
                 raise ValueError(
-                    f"{name} must be {own[name]:.16g}, which {kind} computes; got {asked[name]!r}"
+                    f"{name} must be {before:.16g}, which {kind} computes; got {value!r}"
                 )
         made._take(self)
         return made
