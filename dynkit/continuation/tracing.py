@@ -114,7 +114,8 @@ def _insert(
         for part, located in _between(problem, curve, begin, end)
     ]
     known = [it for at, it, _ in found.located if index <= at <= index + 1]
-    if not all(any(_same(it, other) for other in known) for _, it, _ in here):
+    new = [it for _, it, _ in here if not any(_same(it, other) for other in known)]
+    if len(new) > bool(known):  # a single one beside others is one of these, found less well
         found.points[index + 1 : index + 2] = after
         late = len(after) - 1
         here += [
