@@ -72,6 +72,10 @@ class CorrelationDimension(Saved):
     that of independent lags: more than the actual one. Surfaces of two dimensions need 10,000
     states or more. The label of the attractor tells whether its states are on curves.
 
+    A coordinate whose extent is below the radii of the scaling region does not count, and `error`
+    does not cover it. Give an array in units in which all extents are alike where some are far
+    smaller, such as positions of 1e-9 beside a phase.
+
     Parameters
     ----------
     source : Attractor, ImpactRecord or (n, d) array_like

@@ -60,6 +60,8 @@ _OF_STRUCTURE = "_derivation", "_curves", "_structure", "_soft", "_sliders"
 _OF_ALL = (*_OF_STRUCTURE, "_stops", "_contacts", "_contact")
 """What oscillators share whose structures are the same; and whose tables are, too."""
 
+_FORCES = "harmonic_forces", "constant_forces"
+
 
 @cache
 def _arguments_of(kind: Any) -> tuple[str, ...]:
@@ -130,12 +132,13 @@ class ImpactMap(DrivenStructure, Map):
         made = dataclasses.replace(self, **parameters)
         own, found = ({**vars(each), **each._numbers} for each in (self, made))
         for name, value in asked.items():
-            before = own.get(name)
-            if isinstance(before, float) and found.get(name) == before != value:
+            before, after = own.get(name, ()), found.get(name, ())
+            if not (isinstance(before, float) or name in _FORCES):
+                continue
+            if np.array_equal(after, before) and not np.array_equal(value, before):
+                shown = before if name in _FORCES else f"{before:.16g}"
                 kind = type(self).__name__
-                raise ValueError(
-                    f"{name} must be {before:.16g}, which {kind} computes; got {value!r}"
-                )
+                raise ValueError(f"{name} must be {shown}, which {kind} computes; got {value!r}")
         made._take(self)
         return made
 

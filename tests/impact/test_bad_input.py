@@ -196,3 +196,25 @@ def test_values_that_the_class_computes_are_not_ignored() -> None:
     with pytest.raises(ValueError, match="which Facing computes"):
         sweep(chain, "table.offset", [-0.1, -0.3])
     assert chain.replace(gap=0.3).value_of("table.offset") == -0.3
+
+
+@dataclass(frozen=True, kw_only=True)
+class Shaken(ImpactChain):
+    """A chain whose forces the class computes."""
+
+    force: float = 0.1
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "harmonic_forces", np.array([0.0, self.force]))
+        super().__post_init__()
+
+
+def test_forces_that_the_class_computes_are_not_ignored() -> None:
+    chain = Shaken(masses=2, frequency=0.9)
+    for given in ([0.0, 0.3], np.array([0.3, 0.0])):
+        with pytest.raises(ValueError, match=r"harmonic_forces must be .*, which Shaken computes"):
+            chain.replace(harmonic_forces=given)
+    same = chain.replace(harmonic_forces=np.array([0.0, 0.1]))
+    assert same.replace(force=0.3).harmonic_forces[1] == 0.3
+    plain = ImpactChain(masses=2, frequency=0.9, harmonic_forces=[0.0, 0.1])
+    assert plain.replace(harmonic_forces=[0.0, 0.3]).harmonic_forces[1] == 0.3

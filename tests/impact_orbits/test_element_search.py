@@ -16,6 +16,7 @@ from dynkit.systems import (
     DryFriction,
     HardStop,
     ImpactChain,
+    ImpactDuffing,
     Jenkins,
     MatrixOscillator,
     SingleImpactOscillator,
@@ -51,6 +52,40 @@ def swing(frequency: float) -> float:
 @cache
 def grazing() -> float:
     return float(brentq(lambda w: swing(w) - 0.3, 1.3, 1.6, xtol=1e-15))
+
+
+@pytest.mark.parametrize("length", [1.0, 1e-6, 1e-9, 1e5])
+def test_a_search_in_any_unit_of_length_finds_each_orbit_once(length: float) -> None:
+    # a stop at zero has orbits of any size: the default start is far away in small units
+    chain = ImpactChain(
+        masses=1,
+        springs=1.0,
+        damping=0.05,
+        frequency=2.2,
+        harmonic_forces=[length],
+        elements=[SoftStop(-1, stiffness=30.0, damping=0.4)],
+    )
+    (orbit,) = chain.find_orbits(impacts=3, periods=3)
+    assert (orbit.label, orbit.admissible) == ("P(1,1)", True)
+    assert abs(orbit.multipliers[0]) == pytest.approx(0.846199304, abs=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("length", "duration"), [(1.0, 1.0), (1e-9, 1.0), (1e-9, 1e-6), (1e4, 1.0)]
+)
+def test_orbits_in_two_wells_differ_in_any_unit(length: float, duration: float) -> None:
+    duffing = ImpactDuffing(
+        linear=-(duration**-2),
+        cubic=(duration * length) ** -2,
+        damping=0.2 / duration,
+        force=0.05 * length / duration**2,
+        frequency=1.2 / duration,
+        elements=[HardStop(0, offset=-1.2 * length, restitution=0.7)],
+    )
+    orbits = duffing.find_orbits(impacts=1, periods=1)
+    assert [orbit.label for orbit in orbits] == ["P(0,1)"] * 2
+    places = sorted(float(orbit.states[0, 0] / length) for orbit in orbits)
+    np.testing.assert_allclose(places, [-1.0267572, 0.95828687], atol=1e-6)
 
 
 def test_a_table_that_lags_has_the_orbits_of_a_table() -> None:

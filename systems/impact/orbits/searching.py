@@ -85,7 +85,7 @@ def search(oscillator: ImpactMap, impacts: int, periods: int) -> OrbitSearch[Imp
                 _add_beside_others(found, oscillator, periods, sizes)
         for part in () if alone else parts:
             if part.ending is not Ending.COUNT_REACHED and oscillator._stops:
-                _add_quiet(found, part)
+                _add_quiet(found, part, sizes)
     states = np.concatenate([np.empty((0, oscillator.dimension)), *(p.states for p in parts)])
     region = np.full((oscillator.dimension, 2), np.nan)
     if len(states):
@@ -146,7 +146,8 @@ def _add_motion(
 def _sizes(parts: list[ImpactRecord]) -> list[float]:
     """Largest position and velocity of some motions."""
     own = [[abs(x).max(initial=0.0) for x in (p.position, p.velocity)] for p in parts if len(p)]
-    return list(np.max([*own, [0.0, 0.0]], axis=0).tolist())
+    ends = [[abs(p.final.position).max(), abs(p.final.velocity).max()] for p in parts]
+    return [float(size) or 1.0 for size in np.max([*own, *ends, [0.0, 0.0]], axis=0)]
 
 
 def _add_returns(
@@ -197,12 +198,12 @@ def _near(
     return problem, with_impulses(problem, phases)
 
 
-def _add_quiet(found: Found, record: ImpactRecord) -> None:
+def _add_quiet(found: Found, record: ImpactRecord, sizes: list[float] | None) -> None:
     """Try the orbit without impacts in one period that a motion without further ones comes near."""
     system, length = record.system, TWO_PI / record.system.frequency
     with suppress(NoMotion, NoConvergence, NoSolution, NotImplementedError):
         seen = of_period(simulated(system, record.final, _SETTLED * length), _LATE * length, length)
-        problem, guess = guess_of(system, record.final, seen, 1, length)
+        problem, guess = guess_of(system, record.final, seen, 1, length, sizes)
         if not (problem.course.hits or found.holds(problem, guess, APART)):
             found.add(problem, guess)
 

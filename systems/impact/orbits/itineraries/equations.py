@@ -351,7 +351,8 @@ class ItineraryEquations(ImpactProblem):
             n = self.oscillator.degrees_of_freedom
             sizes = np.array([abs(states[:, :n]).max(), abs(states[:, n : 2 * n]).max()])
             sizes = np.maximum(sizes, _AT_REST * self._measures[[0, n]])
-            sizes += self.dimension == 2
+            if self.dimension == 2:  # powers of two, which guesses of one orbit share
+                sizes += 1.0 if self.sticks else np.exp2(np.rint(np.log2(self._measures[:2])))
             scaled = states / sizes[np.repeat([0, 1, 0], [n, n, self.dimension - 2 * n])]
             turn = np.exp(1j * phases)[:, None]
             marks = [scaled, scaled**2, scaled * turn.real, turn.real, turn.imag]

@@ -18,6 +18,9 @@ if TYPE_CHECKING:
 _TRIED = 200
 """Random starts that are tried at most: some are beyond a stop."""
 
+_FAR = 1e3
+"""How many times as large as its last part a motion is where it is a transient from far away."""
+
 SWITCHES = 32
 """Switches of soft stops and friction, for each impact of a motion, after which that is left."""
 
@@ -40,17 +43,22 @@ def simulated_motions(oscillator: ImpactMap, effort: Effort = FEW) -> Iterator[I
     """The motion from the default start in parts, then those from random starts.
 
     As a motion may be chaotic, it comes near to other orbits in each part. Random starts have
-    coordinates up to twice as large as the largest of the former motion.
+    coordinates up to twice as large as the largest of the former motion. Parts of a transient from
+    far away are left out: the default start knows nothing of the unit of length.
     """
-    n, size = oscillator.degrees_of_freedom, np.zeros(2 * oscillator.degrees_of_freedom)
+    n, parts = oscillator.degrees_of_freedom, []
     with suppress(NoMotion):
         state = oscillator.state()
         for _ in range(effort.parts):
-            record = _simulated(oscillator, state, effort.impacts)
-            state = record.final
-            motion = np.concatenate([record.position, record.velocity], axis=1)
-            size = np.maximum(size, abs(motion).max(axis=0, initial=0.0))
-            yield record
+            parts.append(_simulated(oscillator, state, effort.impacts))
+            state = parts[-1].final
+    motions = [np.concatenate([part.position, part.velocity], axis=1) for part in parts]
+    sizes = np.array([abs(motion).max(axis=0, initial=0.0) for motion in motions])
+    sizes = sizes.reshape(-1, 2 * n)
+    lengths = sizes[:, :n].max(axis=1)
+    near = (lengths <= _FAR * lengths[-1:]) | (lengths[-1:] == 0.0)
+    yield from (part for part, kept in zip(parts, near, strict=True) if kept)
+    size = sizes[near].max(axis=0, initial=0.0)
     size[size == 0.0] = 1.0
     random, left = np.random.default_rng(0), effort.starts
     for _ in range(_TRIED):
