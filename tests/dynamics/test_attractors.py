@@ -1,6 +1,4 @@
 import re
-from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 import pytest
@@ -14,8 +12,7 @@ from dynkit.dynamics.poincare_map import PoincareMap
 from dynkit.dynamics.section import Hyperplane
 from dynkit.labels.label import OrbitKind
 from dynkit.systems import DelayedLogistic, Henon, ImpactChain, Logistic
-from dynkit.systems.symbolic.maps import SymbolicMap
-from tests.example_systems import CircleRotation, DampedRotation
+from tests.example_systems import CircleRotation, DampedRotation, ShiftedLogistic
 
 GOLDEN_TURN = np.pi * (np.sqrt(5.0) - 1.0)
 
@@ -48,19 +45,6 @@ def henon(transient: int = 700, iterations: int = 100) -> MapAttractor:
 )
 def test_the_logistic_map_has_its_known_label(rate: float, label: str) -> None:
     assert str(logistic(rate).label) == label
-
-
-@dataclass(frozen=True)
-class ShiftedLogistic(SymbolicMap):
-    """The logistic map in y = (x - offset) / size."""
-
-    rate: float
-    offset: float
-    size: float
-
-    def next_state(self, x: Any) -> tuple[Any, ...]:
-        y = (x - self.offset) / self.size
-        return (self.offset + self.size * self.rate * y * (1 - y),)
 
 
 # The motion covers 0.3 to 0.7 sizes: 3e-14 to 7e-8 of its distance to the origin.
