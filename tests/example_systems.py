@@ -1,6 +1,7 @@
 """Small systems with closed forms, for the tests of the toolkit; others are in `dynkit.systems`."""
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -9,6 +10,7 @@ from dynkit.core.validation import Array, finite_array, non_negative
 from dynkit.dynamics.flow import Crossing, Flow
 from dynkit.dynamics.map import Map
 from dynkit.dynamics.section import PoincareSection
+from dynkit.systems.symbolic.maps import SymbolicMap
 
 
 @dataclass(frozen=True)
@@ -190,3 +192,16 @@ class Sphere(PoincareSection):
                 [0.0, np.cos(b)],
             ]
         )
+
+
+@dataclass(frozen=True)
+class ShiftedLogistic(SymbolicMap):
+    """The logistic map in y = (x - offset) / size."""
+
+    rate: float
+    offset: float
+    size: float
+
+    def next_state(self, x: Any) -> tuple[Any, ...]:
+        y = (x - self.offset) / self.size
+        return (self.offset + self.size * self.rate * y * (1 - y),)

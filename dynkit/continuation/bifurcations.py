@@ -175,6 +175,11 @@ class Bifurcation(Tabled):
         on the branch of the periodic orbits that are born, and at GR on the branches with one
         impact more or less, none where the contact is at another event. SN, NS, RS and CB have
         none.
+
+        Raises
+        ------
+        NoConvergence
+            When no orbit is found on the branch that leaves a PD, BP or HB.
         """
         switch = KINDS[self.kind].switch
         return [] if switch is None else switch(self._place)

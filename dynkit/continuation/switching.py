@@ -66,9 +66,10 @@ def doubled(place: Place) -> list[Any]:
         return []
     twice, start, along = problem.doubled(y[:-1], direction)
     errors = np.append(abs(problem.doubled(y[:-1], error[:-1])[2]), error[-1])
-    found = _stepped(twice, np.append(start, y[-1:]), np.append(along, 0.0), errors)
-    # the repeated orbit is also a solution
-    return [orbit for orbit in found if orbit.unknowns.size == len(start)]
+    orbit = _stepped(twice, np.append(start, y[-1:]), np.append(along, 0.0), errors)
+    if orbit.unknowns.size < len(start):
+        raise NoConvergence("Newton's method found only the repeated orbit, not a doubled one")
+    return [orbit]
 
 
 def crossing(place: Place) -> list[Any]:
@@ -85,15 +86,20 @@ def crossing(place: Place) -> list[Any]:
         basis = np.linalg.svd(equations.jacobian(y) * scale)[2][-2:]
         along = basis @ old
         direction = np.array([-along[1], along[0]]) @ basis
-    return _stepped(problem, y, direction * scale, error)
+    return [_stepped(problem, y, direction * scale, error)]
 
 
-def _stepped(problem: Problem, y: Array, direction: Array, error: Array) -> list[Any]:
-    """Return an orbit at a small distance along a direction, or none.
+def _stepped(problem: Problem, y: Array, direction: Array, error: Array) -> Any:
+    """Return an orbit at a small distance along a direction.
 
     The distance is so small that the expansion y + e q + e^2 c + ... of the branch holds: at half
     the distance e along the direction q, the distance from the tangent is a fourth. The required
     distance depends on the branch: it decreases along a cascade of period doublings.
+
+    Raises
+    ------
+    NoConvergence
+        When there is none at any of the distances.
     """
     equations = OrbitEquations(problem, _width(y))
     scale = equations.scale(y)
@@ -115,8 +121,12 @@ def _stepped(problem: Problem, y: Array, direction: Array, error: Array) -> list
                 once, x = problem.shortest(found.y[:-1])
                 made = once.solution(x, found.y[-1:], found.history)
                 if _is_near(problem, found.y):
-                    return [made]
-    return []
+                    return made
+    raise NoConvergence(
+        f"no orbit was found on the branch that leaves, at distances from {_DISTANCES[0]:.0e} down "
+        f"to {_DISTANCES[-1]:.0e} relative to the size of the orbit: Newton's method does not "
+        "converge there, or the branch bends within them"
+    )
 
 
 def _is_near(problem: Problem, y: Array) -> bool:
@@ -134,7 +144,7 @@ def born(place: Place) -> list[Any]:
         return []
     problem, at, direction = found
     error = np.append(np.full(len(at), abs(place.error[:m]).max()), place.error[-1])
-    return _stepped(problem, np.append(at, y[-1:]), np.append(direction, 0.0), error)
+    return [_stepped(problem, np.append(at, y[-1:]), np.append(direction, 0.0), error)]
 
 
 def neighbours(place: Place) -> list[Any]:

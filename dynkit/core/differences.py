@@ -16,7 +16,7 @@ STEP = 1e-40
 _ORDER = 8
 # Each step is half of the one before, at most _HALVINGS of them. The extrapolation ends after
 # _PATIENCE steps without a better estimate once the relative error is below _CLEAR (smaller steps
-# only add rounding), or as soon as the relative error is _ENOUGH.
+# only add rounding) or all values are the same, or as soon as the relative error is _ENOUGH.
 _HALVINGS, _PATIENCE, _CLEAR, _ENOUGH = 40, 3, 1e-6, 1e-11
 # Steps of a small coordinate are relative to this part of the state's largest number, as in the
 # scales of periodic orbits.
@@ -266,7 +266,7 @@ def extrapolated(
     See `parameter_difference`.
     """
     rows: list[Array] = []
-    waited = 0
+    waited, constant = 0, True
     for slope, mean, width in quotients:
         row = [np.stack([slope, mean])]
         if not rows:
@@ -285,7 +285,9 @@ def extrapolated(
         best, error = np.where(better, found, best), np.where(better, its_error, error)
         rows = row
         largest, worst = float(abs(best).max(initial=0.0)), float(error.max(initial=0.0))
-        waited = 0 if better.any() or not worst <= _CLEAR * largest else waited + 1
+        constant = constant and not (slope.any() or mean.any())
+        clear = constant or worst <= _CLEAR * largest
+        waited = 0 if better.any() or not clear else waited + 1
         if waited == _PATIENCE or worst <= _ENOUGH * largest:
             break
     return best, error

@@ -34,6 +34,10 @@ _NEARBY = 0.1
 # Number of disturbed runs for the error, and the least relative size of their disturbances.
 _TWINS, _ROUNDINGS = 3, 4.0 * 2.0**-52
 
+# Recurrences beyond _EXACT errors of an iterate are a motion of their own where the derivative
+# varies over them by more than _VARIATION, relative to itself or to one.
+_EXACT, _VARIATION = 32.0, 0.1
+
 # Most floats in the states of a time series: a gigabyte.
 _MOST_NUMBERS = 1 << 27
 
@@ -274,7 +278,7 @@ class _MapOrbit:
             self.window = self.kept
         else:
             self.window = self.system.iterate(self.window[-1], count)[1:]
-        return Window(self.window)
+        return Window(self.window, resolves=self._resolves)
 
     def judged(self, label: OrbitLabel) -> OrbitLabel:
         """Return the label with the multiplier of the last period, if the motion is periodic."""
@@ -282,16 +286,33 @@ class _MapOrbit:
             return label
         n, system = label.iterates, self.system
         try:
-            found = [
-                product_with_error(*system.jacobian_factors(state))
-                for state in self.window[-1 - 2 * n : -1]
-            ]
+            found = self._derivatives(self.window[-1 - 2 * n : -1])
         except NoMotion:  # the orbit touches the section: no derivative
             return label
         factors = np.array([product for product, _ in found])
         # errors of exact derivatives follow from the accuracy
         more = np.array([error for _, error in found[n:]]) if system._by_differences else None
         return with_multiplier(label, factors[n:], factors[:n], system.accuracy, more)
+
+    def _derivatives(self, states: Array) -> list[tuple[Array, float]]:
+        return [product_with_error(*self.system.jacobian_factors(state)) for state in states]
+
+    def _resolves(self, n: int) -> bool:
+        """Whether the derivative is nearly the same in the last period and the farthest one."""
+        assert self.window is not None
+        count = (len(self.window) - 1) // n
+        periods = self.window[-1 - count * n : -1].reshape(count, n, -1)
+        apart = np.linalg.norm(self.difference(periods, periods[-1]), axis=2).max(axis=1)
+        if apart.max() <= _EXACT * self.accuracy * abs(periods[-1]).max():
+            return True
+        try:
+            there, last = map(self._derivatives, (periods[np.argmax(apart)], periods[-1]))
+        except NoMotion:  # the orbit touches the section: no derivative
+            return True
+        return all(
+            np.linalg.norm(a - b) <= _VARIATION * max(1.0, float(np.linalg.norm(b))) + off + error
+            for (a, off), (b, error) in zip(there, last, strict=True)
+        )
 
     def difference(self, a: Array, b: Array) -> Array:
         return self.system.difference(a, b)

@@ -46,6 +46,10 @@ class Window:
         of the window. None for exact releases.
     given_up : bool
         Whether the search for the next state was given up, where there are fewer than asked for.
+    resolves : callable or None
+        Function of n that returns whether the map is nearly linear over the distances of the
+        states to their counterparts in the last n ones. Otherwise these distances are a motion of
+        their own. None where the states are not close together without being periodic.
     """
 
     states: Array
@@ -54,6 +58,7 @@ class Window:
     release_times: Array | None = None
     release_error: Callable[[int, float], float] | None = None
     given_up: bool = False
+    resolves: Callable[[int], bool] | None = None
 
 
 class OrbitSource(Protocol):
@@ -99,8 +104,9 @@ def label_orbit(
       throughout the window, which holds at least three periods, and are m >= 1 periods of the
       forcing apart. When a multiple of n recurs much better, and the recurrence of n does not
       decrease, the multiple is the period (a period doubling smaller than the tolerance, down to
-      1e-10). When n is a multiple of a period on which the orbit may still settle, the next window
-      decides.
+      1e-10). A recurrence over which the derivative of the map varies by a tenth is a motion of
+      its own, and no sign of a period. When n is a multiple of a period on which the orbit may
+      still settle, the next window decides.
     - P(inf,m): a window with releases from sticking contact is decided by the states at release.
       Contact removes all memory of the motion before it: in double precision, two equal releases
       repeat exactly even if the motion between them is chaotic, and rounding decides which contact
@@ -156,7 +162,10 @@ def _decided(source: OrbitSource, kept: int, tolerance: float, budget: int | Non
             return OrbitLabel(OrbitKind.NO_IMPACTS, None, None, tolerance, doubt, spent)
         orbit = _recurrences(window, source)
         nearest = float(orbit.from_last.min(initial=np.inf))
-        period = orbit.recurrent(tolerance) or orbit.settling(_NEAR * tolerance)
+        period = orbit.recurrent(tolerance)
+        if period is not None and window.resolves is not None and not window.resolves(period):
+            period = None
+        period = period or orbit.settling(_NEAR * tolerance)
         if period is not None and not _is_certain(window, period, orbit.scale, tolerance):
             period = None
         if period is None and seen >= _CHAOS_AFTER and not orbit.decays:

@@ -120,7 +120,8 @@ class Recurrences:
 
     def _resolved(self, n: int) -> int | None:
         """Return the period among n and its multiples; None where it is not certain."""
-        if self.spread(n) > _SPLIT:
+        factor: int | None = 0
+        while factor != 1 and self.spread(n) > _SPLIT:
             factor = None if self._decay(n).leaves else self._split(n)
             if factor is None:
                 return None

@@ -8,7 +8,10 @@ import pytest
 from dynkit.continuation.bifurcations import Bifurcation
 from dynkit.continuation.branch import Branch
 from dynkit.continuation.continuing import continue_orbit
+from dynkit.orbits.newton import NoConvergence
+from dynkit.orbits.periodic_orbit import periodic_orbit
 from tests.continuation.starts import delayed_logistic, flat, henon, logistic
+from tests.example_systems import ShiftedLogistic
 
 
 def at(branch: Branch, kind: str) -> Bifurcation:
@@ -86,6 +89,14 @@ def test_from_the_crossing_branch_one_comes_back() -> None:
     branch = continue_orbit(flat("pitchfork", 0.5, 0.25), "p", bounds=(-1.0, 1.0))
     (orbit,) = at(branch, "BP").switch()
     assert abs(orbit.unknowns[0]) < 1e-15
+
+
+def test_a_branch_too_bent_to_reach_is_refused_with_its_reason() -> None:
+    # the logistic map in y = 1e3 (x - 1e3): the motion's extent is a millionth of x
+    system = ShiftedLogistic(rate=2.9, offset=1e3, size=1e-3)
+    branch = continue_orbit(periodic_orbit(system, [1000.00065]), "rate", bounds=(2.8, 3.2))
+    with pytest.raises(NoConvergence, match=r"from 1e-02 down to 3e-07 relative to the size"):
+        at(branch, "PD").switch()
 
 
 def test_nothing_leaves_a_fold_or_a_torus() -> None:

@@ -141,3 +141,14 @@ def test_functions_vary_over_the_size_of_the_number(unit: float) -> None:
 
     slopes = np.array([-2.2 / (1.0 + 1.21) ** 2, np.cosh(1.1) ** -2, 1.0])
     assert unit * parameter_difference(values, 1.1 * unit) == pytest.approx(slopes, rel=1e-9)
+
+
+def test_a_number_that_does_not_occur_costs_few_calls() -> None:
+    asked: list[float] = []
+
+    def constant(value: float) -> Array:
+        asked.append(value)
+        return np.array([1.5, -0.3])
+
+    assert not parameter_difference(constant, 0.3).any()
+    assert len(asked) <= 25

@@ -12,7 +12,7 @@ from dynkit.dynamics.poincare_map import PoincareMap
 from dynkit.dynamics.section import Hyperplane
 from dynkit.labels.label import OrbitKind
 from dynkit.systems import DelayedLogistic, Henon, ImpactChain, Logistic
-from tests.example_systems import CircleRotation, DampedRotation
+from tests.example_systems import CircleRotation, DampedRotation, ShiftedLogistic
 
 GOLDEN_TURN = np.pi * (np.sqrt(5.0) - 1.0)
 
@@ -45,6 +45,29 @@ def henon(transient: int = 700, iterations: int = 100) -> MapAttractor:
 )
 def test_the_logistic_map_has_its_known_label(rate: float, label: str) -> None:
     assert str(logistic(rate).label) == label
+
+
+# The motion covers 0.3 to 0.7 sizes: 3e-14 to 7e-8 of its distance to the origin.
+@pytest.mark.parametrize(
+    ("offset", "size", "rate", "labels"),
+    [
+        (1e3, 1e-8, 2.8, {"P(1)"}),
+        (1e6, 1e-6, 2.8, {"P(1)"}),
+        (1e3, 1e-4, 3.55, {"P(8)"}),
+        (1e3, 1e-4, 3.7, {"chaotic"}),
+        (1e3, 1e-6, 3.55, {"P(8)", "unsettled"}),
+        (1e3, 1e-8, 3.2, {"P(2)", "unsettled"}),
+        (1e3, 1e-10, 3.2, {"P(2)", "unsettled"}),
+        (1e6, 1e-6, 3.5, {"P(4)", "unsettled"}),
+        (1e6, 1e-6, 3.7, {"chaotic", "unsettled"}),
+    ],
+)
+def test_a_small_motion_far_from_the_origin_has_no_wrong_label(
+    offset: float, size: float, rate: float, labels: set[str]
+) -> None:
+    shifted = ShiftedLogistic(rate=rate, offset=offset, size=size)
+    attractor = MapAttractor(shifted, np.array([offset + 0.3 * size]), 700, 100)
+    assert str(attractor.label) in labels
 
 
 def test_at_the_period_doubling_itself_the_motion_is_unsettled() -> None:
