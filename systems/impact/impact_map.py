@@ -133,10 +133,12 @@ class ImpactMap(DrivenStructure, Map):
         own, found = ({**vars(each), **each._numbers} for each in (self, made))
         for name, value in asked.items():
             before, after = own.get(name, ()), found.get(name, ())
-            if not (isinstance(before, float) or name in _FORCES):
-                continue
-            if np.array_equal(after, before) and not np.array_equal(value, before):
-                shown = before if name in _FORCES else f"{before:.16g}"
+            ignored, shown = False, before
+            if isinstance(before, float):
+                ignored, shown = after == before != value, f"{before:.16g}"
+            elif name in _FORCES:
+                ignored = np.array_equal(after, before) and not np.array_equal(value, before)
+            if ignored:
                 kind = type(self).__name__
                 raise ValueError(f"{name} must be {shown}, which {kind} computes; got {value!r}")
         made._take(self)
