@@ -192,7 +192,7 @@ def _between(
         if located is None or any(_same(located, other) for _, other in found):
             continue
         near = before.y[:-1], before.y[-1:]
-        of_multiplier = crossing.kind in _OF_MULTIPLIERS
+        of_multiplier = crossing.kind in (*_OF_MULTIPLIERS, BifurcationKind.BP)
         if not of_multiplier or not merges(problem, located.x, located.p, *near):
             gap = (np.append(located.x, located.p) - before.y) / before.scale
             found.append((float(np.clip(gap @ way / (way @ way), 0.0, 1.0)), located))

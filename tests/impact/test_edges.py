@@ -17,6 +17,7 @@ from dynkit.systems.impact.simulation.state import in_turn
 from dynkit.systems.impact.simulation.trajectory import Ending
 from tests.impact.exact import exact_errors
 from tests.reference.general_oscillator import GeneralOscillator, chain_of
+from tests.reference.random_machines import random_machine
 
 pytestmark = pytest.mark.plain
 
@@ -233,6 +234,15 @@ def test_a_flight_of_too_many_steps_has_no_impact_that_was_not_found() -> None:
     record = system.simulate(impacts=1, start=system.state([1.001], [0.3]))
     assert len(record) == 0
     assert record.ending is Ending.SEARCH_LIMIT
+
+
+def test_slips_that_become_ever_rarer_are_given_up_as_one_flight_is() -> None:
+    """Nothing drives or damps it: its slips come after 1e4 periods, and cross no section."""
+    system, start = random_machine(27001489)
+    record = system.simulate(impacts=3, start=start)
+    assert record.ending is Ending.SEARCH_LIMIT
+    assert len(record) == 2
+    assert record._run.cells < 4_000_000
 
 
 @pytest.mark.parametrize("spring", [1e-300, 1e-100, 1e-30, 1e-28, 1e-26, 1e-22])

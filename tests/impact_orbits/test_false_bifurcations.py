@@ -123,6 +123,19 @@ def test_no_period_doubles_where_events_merge_within_rounding() -> None:
     assert all(min(abs(double - value) for value in values) > 1e-5 for double in doubled)
 
 
+def test_no_branch_crosses_where_a_preloaded_stop_is_only_just_left() -> None:
+    """The determinant changes its sign where the two events merge, and no multiplier is one."""
+    pad = SoftStop(0, offset=-0.6783, side="below", stiffness=6.803, preload=0.2)
+    machine = ImpactChain(
+        masses=2, damping=0.1617, frequency=0.8392, harmonic_forces=[0.4194, 1.131], elements=[pad]
+    )
+    orbit = machine.attractor(transient=200, impacts=20).periodic_orbit()
+    branch = continue_orbit(
+        orbit, "frequency", bounds=(0.7945, 0.847592), step=0.011, largest_step=0.022, points=80
+    )
+    assert "BP" not in {found.kind for found in branch.bifurcations}
+
+
 def test_a_curve_of_period_doublings_ends_where_it_meets_a_grazing() -> None:
     """Where two events merge the equations are singular for -1 also, which is no multiplier."""
     joint = Jenkins(0, stiffness=2.78, force=0.169, name="joint")

@@ -30,7 +30,10 @@ if TYPE_CHECKING:
     from dynkit.systems.impact.simulation.taylor_runs import TaylorCourse
 
 MOST_CELLS = 1_000_000
-"""Cells after which the search for the next event ends the run, with `Ending.SEARCH_LIMIT`."""
+"""Cells after which the search for the next event ends the run, with `Ending.SEARCH_LIMIT`.
+
+So do more cells while the log of switches fills without an impact: ever rarer switches.
+"""
 
 MOST_SWITCHES = 1 << 16
 """Switches without an impact after which the run ends in the same way."""
@@ -222,7 +225,7 @@ class Course:
             clock[clock_kernels.REMAINING] = (TWO_PI - start.phase) / oscillator.frequency
         self._oscillator, self._start = oscillator, start
         self._noise, self._most_cells = noise, most_cells
-        self._clock = clock
+        self._clock, self._full = clock, (0, 0)
         self._waiting: Any = np.zeros(kernels.WAITING, dtype=np.int64), np.zeros(3)
         self._switches: Any = None
         self._prepare(kernels.START, free.states(q, *turn)[None])
@@ -357,6 +360,12 @@ class Course:
         most = MOST_SWITCHES if self.most_switches is None else self.most_switches
         return bool(count > most and before[count - most] == impacts)
 
+    def _tires(self) -> bool:
+        """Whether no impact came, and too many cells, since the log of switches was last full."""
+        (impacts, cells), clock_kernels = self._full, _kernels()[0]
+        self._full = int(self._clock[clock_kernels.IMPACTS]), self.cells
+        return self._full[0] == impacts and self._full[1] - cells > self._most_cells
+
     def _refuse_law(self) -> None:
         """ValueError where the law of a stop gives no restitution in [0, 1]."""
         guard, velocity = int(self._clock[_kernels()[0].WANTED]), float(self._waiting[1][1])
@@ -420,7 +429,7 @@ class Course:
                 self._prepare(0, self._work.states)
             elif ending == kernels.SWITCHES_FULL:
                 self._enlarge(self._work.states.shape[2])
-                if self._hits_nothing():
+                if self._tires() or self._hits_nothing():
                     ending = kernels.SEARCH_LIMIT
         if ending == kernels.LAW_BROKEN:
             self._refuse_law()
@@ -428,8 +437,7 @@ class Course:
         self.ending = Ending.PARADOX if paradox else _ENDINGS[ending]
         if self.ending is Ending.SEARCH_LIMIT and self._hits_nothing() and self._hangs():
             self.ending = Ending.HANGS
-        kept = Impacts(*log)
-        return kept if done == rows else kept.part(0, done)
+        return Impacts(*log).part(0, done)
 
     @property
     def cells(self) -> int:
