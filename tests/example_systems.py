@@ -10,6 +10,7 @@ from dynkit.core.validation import Array, finite_array, non_negative
 from dynkit.dynamics.flow import Crossing, Flow
 from dynkit.dynamics.map import Map
 from dynkit.dynamics.section import PoincareSection
+from dynkit.systems import Element, Regime, Watch
 from dynkit.systems.symbolic.maps import SymbolicMap
 
 
@@ -205,3 +206,16 @@ class ShiftedLogistic(SymbolicMap):
     def next_state(self, x: Any) -> tuple[Any, ...]:
         y = (x - self.offset) / self.size
         return (self.offset + self.size * self.rate * y * (1 - y),)
+
+
+@dataclass(frozen=True)
+class Spring(Element):
+    """What a user writes: a spring that is touched."""
+
+    stiffness: float = 7.0
+
+    @property
+    def regimes(self) -> tuple[Regime, ...]:
+        touched = Watch(to=1, gap=1.0, order=1)
+        let_go = Watch(to=0, gap=-self.stiffness, order=1)
+        return Regime((touched,)), Regime((let_go,), stiffness=self.stiffness)

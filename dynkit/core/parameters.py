@@ -53,7 +53,7 @@ class Family(Extensible, Shown):
     def identity(self) -> Mapping[str, object]:
         """Everything that the motion depends on, by name; stores compare it.
 
-        Of a class outside of this package, `code` is a digest of its methods.
+        Of a class outside of this package, `code` is a digest of its code.
         """
         instance: Any = self  # is_dataclass would narrow the type
         own = {"code": digest} if (digest := code_of(type(self))) else {}

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
 from functools import wraps
 from pathlib import Path
 from typing import Any
@@ -52,13 +51,12 @@ from dynkit.systems import (
     LagrangianStructure,
     MatrixOscillator,
     PlayOscillator,
-    Regime,
     SingleImpactOscillator,
     SymbolicFlow,
     SymbolicHybridFlow,
     SymbolicMap,
-    Watch,
 )
+from tests.example_systems import Spring
 from tests.testing.test_attractors import Wrapped
 
 
@@ -314,19 +312,6 @@ class Beam(LagrangianStructure):
 
 def use_structure(kind: Any, _: Path) -> None:
     assert len(kind().modes.frequencies) == 2
-
-
-@dataclass(frozen=True)
-class Spring(Element):
-    """A spring that is touched."""
-
-    stiffness: float = 7.0
-
-    @property
-    def regimes(self) -> tuple[Regime, ...]:
-        touched = Watch(to=1, gap=1.0, order=1)
-        left = Watch(to=0, gap=-self.stiffness, order=1)
-        return Regime((touched,)), Regime((left,), stiffness=self.stiffness)
 
 
 def use_element(kind: Any, _: Path) -> None:

@@ -24,6 +24,7 @@ from dynkit.systems import (
 )
 from dynkit.systems.impact.elements.element import IMPACT, EventKind
 from dynkit.systems.impact.simulation.trajectory import Ending
+from tests.example_systems import Spring
 
 TABLE = HardStop(-1, amplitude=0.1, restitution=0.6, name="table")
 CUSHION = SoftStop(0, offset=0.05, stiffness=7.0, damping=0.6)
@@ -349,19 +350,6 @@ def test_a_stiff_stop_with_a_dashpot_tends_to_a_hard_one() -> None:
     errors = abs(np.array(ratios) - limit)
     assert (errors[1:3] < 0.2 * errors[:2]).all()  # as the root of 1 / stiffness
     assert errors[-1] < 1e-5
-
-
-@dataclass(frozen=True)
-class Spring(Element):
-    """What a user writes: a spring that is touched."""
-
-    stiffness: float = 7.0
-
-    @property
-    def regimes(self) -> tuple[Regime, ...]:
-        touched = Watch(to=1, gap=1.0, order=1)
-        let_go = Watch(to=0, gap=-self.stiffness, order=1)
-        return Regime((touched,)), Regime((let_go,), stiffness=self.stiffness)
 
 
 @dataclass(frozen=True)
