@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import ast
 import re
 from collections.abc import Callable, Mapping
 from typing import Any
@@ -34,8 +35,8 @@ _SAVED: Mapping[str, Any] = {
 }
 _LARGEST = 1 << 31
 _MADE: Mapping[str, Callable[..., Any]] = {**ELEMENTS, **LAWS}
-_WORDS = {"None": None, "True": True, "False": False}
-_TOKEN = re.compile(r"""\s*('[^']*'|"[^"]*"|[()=,]|[^\s()=,'"]+)""")
+_CLOSING = re.compile(r"""('[^']*'|"[^"]*")|(?<=[^(,\s])\)""")
+"""Texts, and brackets that close more than nothing."""
 
 
 def loaded(path: str) -> Any:
@@ -144,44 +145,24 @@ def value_of(text: str) -> Any:
     >>> value_of("(1.5, 'above', (inf,))"), value_of("HardStop(2, offset=0.5)").offset
     ((1.5, 'above', (inf,)), 0.5)
     """
-    tokens = _TOKEN.findall(text)
-    value = _read(tokens)
-    if tokens:
-        raise ValueError(f"text must be one value; got {text!r}")
-    return value
+    closed = _CLOSING.sub(lambda found: found[1] or ",)", text)  # "(1.0)" is a tuple
+    try:
+        return _read(ast.parse(closed, mode="eval").body)
+    except SyntaxError as fault:
+        raise ValueError(f"text must be one value; got {text!r}") from fault
 
 
-def _read(tokens: list[str]) -> Any:
-    """Take a value from the front of a list of tokens, in place."""
-    if not tokens:
-        raise ValueError("text must be a value; got its beginning")
-    token = tokens.pop(0)
-    if token[0] in "'\"":
-        return token[1:-1]
-    if token == "(":
-        return _arguments(tokens)[0]
-    if tokens and tokens[0] == "(" and token in _MADE:
-        del tokens[0]
-        positional, named = _arguments(tokens)
-        return _MADE[token](*positional, **named)
-    if token in _WORDS:
-        return _WORDS[token]
-    return int(token) if re.fullmatch(r"[-+]?\d+", token) else float(token)
-
-
-def _arguments(tokens: list[str]) -> tuple[tuple[Any, ...], dict[str, Any]]:
-    """Take values up to the closing bracket from the front of a list of tokens, in place."""
-    positional, named = list[Any](), dict[str, Any]()
-    while tokens and tokens[0] != ")":
-        if tokens[1:2] == ["="]:
-            name = tokens.pop(0)
-            del tokens[0]
-            named[name] = _read(tokens)
-        else:
-            positional.append(_read(tokens))
-        if tokens[:1] == [","]:
-            del tokens[0]
-    if not tokens:
-        raise ValueError("text must close its brackets; got its end")
-    del tokens[0]
-    return tuple(positional), named
+def _read(node: ast.expr) -> Any:
+    match node:
+        case ast.Constant(bool() | int() | float() | str() | None as value):
+            return value
+        case ast.Name("inf" | "nan" as name):
+            return float(name)
+        case ast.UnaryOp(ast.USub(), operand):
+            return -_read(operand)
+        case ast.Tuple(parts):
+            return tuple(map(_read, parts))
+        case ast.Call(ast.Name(kind), parts, named) if kind in _MADE:
+            own = {str(each.arg): _read(each.value) for each in named}
+            return _MADE[kind](*map(_read, parts), **own)
+    raise ValueError(f"text must be one value; got {ast.unparse(node)}")

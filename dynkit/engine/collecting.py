@@ -20,7 +20,7 @@ from dynkit.core.validation import boolean, positive_integer
 from dynkit.data import store as stores
 from dynkit.data.atomic_files import reason
 from dynkit.engine.executors import finished
-from dynkit.engine.points import MOST_POINTS, Findings, Points, Rows, Tasks, chunks_of
+from dynkit.engine.points import MOST_POINTS, Findings, Points, Rows, chunks_of
 
 # Largest fraction of the time that writing may take, and least time between writes in seconds.
 _SHARE, _LEAST_INTERVAL = 1.0 / 20.0, 1.0
@@ -87,7 +87,8 @@ def _go_on(
 ) -> None:
     chunks = chunks_of(len(points), chained=points.chained)
     left = [chunk for chunk in chunks if not findings.done[slice(*chunk)].all()]
-    for number, rows in finished(points.work, Tasks(points, left, findings), executor):
+    tasks = (points.task(*chunk, findings) for chunk in left)  # each made when it is begun
+    for number, rows in finished(points.work, tasks, executor):
         findings.add(slice(*left[number]), rows)
         if keeper is not None:
             keeper.write_when_due()

@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import pickle
 import traceback
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent.futures import Executor, Future
 from dataclasses import dataclass
 from functools import lru_cache
 from io import BytesIO
+from itertools import islice
 from queue import SimpleQueue
 from typing import Any, Generic, TypeVar, cast, final
 
@@ -47,7 +48,7 @@ class Outcome(Generic[_Result]):
 
 
 def finished(
-    work: Callable[[_Task], _Result], tasks: Sequence[_Task], executor: Executor | None
+    work: Callable[[_Task], _Result], tasks: Iterable[_Task], executor: Executor | None
 ) -> Iterator[tuple[int, _Result]]:
     """Yield the number of each task and its result, in the order in which they finish.
 
@@ -56,7 +57,8 @@ def finished(
     work : callable
         Without an executor it is called in this process, in the order of the tasks. With one, the
         callable, the tasks and the results must be picklable.
-    tasks : sequence
+    tasks : iterable
+        It is read as far as tasks are begun.
     executor : Executor or None
 
     Raises
@@ -76,15 +78,14 @@ def finished(
     packed = pack(work)
     waiting: dict[Future[Outcome[_Result]], int] = {}
     ended: SimpleQueue[Future[Outcome[_Result]]] = SimpleQueue()
-    sent = 0
+    coming = enumerate(tasks)
     errors: dict[int, Exception] = {}
     try:
         while True:
-            while not errors and sent < len(tasks) and len(waiting) < IN_FLIGHT:
-                future = submit(executor, packed, tasks[sent])
-                waiting[future] = sent
+            for number, task in islice(coming, 0 if errors else IN_FLIGHT - len(waiting)):
+                future = submit(executor, packed, task)
+                waiting[future] = number
                 future.add_done_callback(ended.put)
-                sent += 1
             if not waiting:
                 break
             ready = [ended.get()]

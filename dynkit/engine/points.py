@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from typing import Any, TypeAlias, final
 
@@ -110,23 +110,6 @@ def chunks_of(count: int, *, chained: bool = False) -> list[tuple[int, int]]:
     """
     size = 1 if chained else max(1, min(count // _FEW, _SIZE), count // _MANY)
     return [(first, min(first + size, count)) for first in range(0, count, size)]
-
-
-@final
-class Tasks(Sequence[Any]):
-    """The tasks of some chunks, each made when it is read."""
-
-    def __init__(self, points: Points, chunks: Sequence[tuple[int, int]], found: Findings) -> None:
-        self._points = points
-        self._chunks = chunks
-        self._found = found
-
-    def __len__(self) -> int:
-        return len(self._chunks)
-
-    def __getitem__(self, number: Any) -> Any:
-        first, last = self._chunks[number]
-        return self._points.task(first, last, self._found)
 
 
 @final
