@@ -6,7 +6,6 @@ import os
 import sys
 import time
 from collections.abc import Iterator, Mapping
-from contextlib import ExitStack
 from copy import deepcopy
 from functools import cached_property
 from pathlib import Path
@@ -14,7 +13,6 @@ from typing import Any, ClassVar, NamedTuple, final
 
 import numpy as np
 
-from dynkit._version import __version__
 from dynkit.analysis.running import (
     Running,
     RunningExponents,
@@ -29,7 +27,7 @@ from dynkit.data import store as stores
 from dynkit.data.result import archive_of, read_result
 from dynkit.dynamics.attractor import Attractor
 from dynkit.dynamics.stream import Stream
-from dynkit.engine.collecting import Keeper
+from dynkit.engine.collecting import Keeper, refuse_other_version
 
 
 class _Slot(NamedTuple):
@@ -206,18 +204,12 @@ def measure(
         _follow(stream, box, None, shown=shown)
         return box[0]
     path, entries = stores.place(store), _entries(stream, new)
-    found = _found(path, entries, new)
-    if found.states == stream.keep:
-        return found
-    with ExitStack() as stack:
-        stack.enter_context(stores.locked(path))
-        box = [_found(path, entries, new)]  # another process may have written since
-        keeper = Keeper(path, lambda: archive_of(box[0], entries), lambda: box[0].states)
-        keeper.prepare()
-        try:
-            _follow(stream, box, keeper, shown=shown)
-        finally:
-            keeper.write()
+    box = [_found(path, entries, new)]
+    if box[0].states < stream.keep:
+        with stores.locked(path):
+            box[0] = _found(path, entries, new)  # another process may have written since
+            with Keeper(path, lambda: archive_of(box[0], entries), lambda: box[0].states) as keeper:
+                _follow(stream, box, keeper, shown=shown)
     return box[0]
 
 
@@ -265,10 +257,7 @@ def _found(path: Path, entries: Mapping[str, str], new: Measures) -> Measures:
     stores.refuse_other_entries(path, archive, entries, sorted(entries))
     if found.states > new.keep:
         raise ValueError(f"keep must be {found.states} or more, as {path} has; got {new.keep}")
-    if found.states < new.keep and archive.entries["dynkit"] != __version__:
-        made = archive.entries["dynkit"]
-        raise ValueError(
-            f"store {path} was made with dynkit {made}, and is not finished; got {__version__}"
-        )
+    if found.states < new.keep:
+        refuse_other_version(path, archive.entries["dynkit"])
     found.keep = new.keep
     return found

@@ -8,9 +8,9 @@ import sys
 import time
 from collections.abc import Callable, Mapping
 from concurrent.futures import Executor
-from contextlib import ExitStack
+from contextlib import nullcontext
 from pathlib import Path
-from typing import Any, final
+from typing import Any, Self, final
 
 import numpy as np
 
@@ -24,8 +24,6 @@ from dynkit.engine.points import MOST_POINTS, Findings, Points, Rows, chunks_of
 
 # Largest fraction of the time that writing may take, and least time between writes in seconds.
 _SHARE, _LEAST_INTERVAL = 1.0 / 20.0, 1.0
-# Least time between updates of the bar in seconds: a note may cost more than its point.
-_INTERVAL = 0.1
 
 
 def collect(
@@ -58,23 +56,15 @@ def collect(
     shown = boolean("progress", progress)
     if store is None:
         findings = Findings(len(points))
-        with _Bar(findings, shown=shown) as bar:
-            _go_on(points, findings, executor, None, bar)
+        _go_on(points, findings, executor, None, shown=shown)
         return findings.rows()
     path = stores.place(store)
     findings = _found(points, path)
-    if findings.done.all():  # a complete store needs neither a lock nor a writable folder
-        return findings.rows()
-    with ExitStack() as stack:
-        stack.enter_context(stores.locked(path))
-        findings = _found(points, path)  # another process may have written since
-        keeper = _keeper_of(path, points, findings)
-        keeper.prepare()
-        bar = stack.enter_context(_Bar(findings, shown=shown))
-        try:
-            _go_on(points, findings, executor, keeper, bar)
-        finally:
-            keeper.write()
+    if not findings.done.all():  # a complete store needs neither a lock nor a writable folder
+        with stores.locked(path):
+            findings = _found(points, path)  # another process may have written since
+            with _keeper_of(path, points, findings) as keeper:
+                _go_on(points, findings, executor, keeper, shown=shown)
     return findings.rows()
 
 
@@ -83,16 +73,28 @@ def _go_on(
     findings: Findings,
     executor: Executor | None,
     keeper: Keeper | None,
-    bar: _Bar,
+    *,
+    shown: bool,
 ) -> None:
     chunks = chunks_of(len(points), chained=points.chained)
     left = [chunk for chunk in chunks if not findings.done[slice(*chunk)].all()]
     tasks = (points.task(*chunk, findings) for chunk in left)  # each made when it is begun
-    for number, rows in finished(points.work, tasks, executor):
-        findings.add(slice(*left[number]), rows)
-        if keeper is not None:
-            keeper.write_when_due()
-        bar.show(findings, rows)
+    bar: Any = nullcontext()
+    if shown:
+        from tqdm import tqdm
+
+        done = int(findings.done.sum())
+        bar = tqdm(total=findings.count, initial=done, unit="point", file=sys.stderr)
+    with bar:
+        for number, rows in finished(points.work, tasks, executor):
+            findings.add(slice(*left[number]), rows)
+            if keeper is not None:
+                keeper.write_when_due()
+            if shown:
+                written = bar.update(len(rows.texts["ending"]))
+                # a note may cost more than its point
+                if rows.note is not None and (written or findings.done.all()):
+                    bar.set_postfix_str(rows.note())
 
 
 def _keeper_of(path: Path, points: Points, findings: Findings) -> Keeper:
@@ -103,8 +105,8 @@ def save_rows(path: str | os.PathLike[str], points: Points, rows: Rows) -> None:
     """Write the rows of all points to a store; ValueError where it cannot be written."""
     file, findings = stores.place(path), Findings(len(points))
     findings.add(slice(None), rows)
-    with stores.locked(file):
-        _keeper_of(file, points, findings).prepare()
+    with stores.locked(file), _keeper_of(file, points, findings):
+        pass
 
 
 def read_rows(path: Path, kind: str) -> tuple[stores.Archive, Findings]:
@@ -174,11 +176,17 @@ def _found(points: Points, path: Path) -> Findings:
     with stores.understood(path, points.entries["kind"]):
         made = archive.entries["dynkit"]
         refuse_misfits(points, findings)
-    if not findings.done.all() and made != __version__:
+    if not findings.done.all():
+        refuse_other_version(path, made)
+    return findings
+
+
+def refuse_other_version(path: Path, made: str) -> None:
+    """Raise ValueError when an unfinished store was made with another version."""
+    if made != __version__:
         raise ValueError(
             f"store {path} was made with dynkit {made}, and is not finished; got {__version__}"
         )
-    return findings
 
 
 def refuse_misfits(points: Points, findings: Findings) -> None:
@@ -236,9 +244,10 @@ def _refuse_other_array(path: Path, name: str, made: Any, asked: Any) -> None:
 
 @final
 class Keeper:
-    """Writes what grows to a store: at intervals that keep the cost low, and at the end.
+    """Writes what grows to a store: at first, at intervals that keep the cost low, and at the end.
 
-    ``archived()`` returns its present content, ``done()`` the count of what is done.
+    ``archived()`` returns its present content, ``done()`` the count of what is done. As a context
+    it raises ValueError at its beginning where the store cannot be written.
     """
 
     def __init__(
@@ -250,12 +259,15 @@ class Keeper:
         self._written = -1
         self._due = 0.0
 
-    def prepare(self) -> None:
-        """Write at first: ValueError where the store cannot be written."""
+    def __enter__(self) -> Self:
         try:
             self.write()
         except OSError as failure:
             raise ValueError(reason(failure)) from failure
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.write()
 
     def write(self) -> None:
         """Write, unless everything is written already."""
@@ -272,36 +284,3 @@ class Keeper:
         """Write if the last time is long enough ago."""
         if time.monotonic() >= self._due:
             self.write()
-
-
-@final
-class _Bar:
-    """A progress bar of points on standard error, or nothing."""
-
-    def __init__(self, findings: Findings, *, shown: bool) -> None:
-        self._bar: Any = None
-        self._due = time.monotonic()
-        if shown:
-            from tqdm import tqdm
-
-            self._bar = tqdm(
-                total=findings.count,
-                initial=int(findings.done.sum()),
-                unit="point",
-                file=sys.stderr,
-            )
-
-    def __enter__(self) -> _Bar:
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        if self._bar is not None:
-            self._bar.close()
-
-    def show(self, findings: Findings, rows: Rows) -> None:
-        if self._bar is None or (time.monotonic() < self._due and not findings.done.all()):
-            return
-        self._bar.update(int(findings.done.sum()) - self._bar.n)
-        if rows.note is not None:
-            self._bar.set_postfix_str(rows.note())
-        self._due = time.monotonic() + _INTERVAL
