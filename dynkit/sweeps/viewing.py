@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from dynkit.dynamics.attractor import Attractor
-from dynkit.viewer.page import LOOKS, Page
+from dynkit.viewer.page import Page, page_of_motions
 from dynkit.viewer.series import Series
 
 NO_SYSTEM = "The result was loaded without its system: the page has no time series."
@@ -20,16 +20,8 @@ def page_of(sweep: Any, motions: int) -> Page:
     name, k = sweep.observables[0], len(sweep)
     numbers = sweep.observable(name)
     place, column = np.nonzero(~np.isnan(numbers))
-    page = Page(
-        title=f"Sweep of {sweep.parameter}",
-        names=(sweep.parameter, name),
-        track=np.zeros(k, dtype=np.int64),
-        look=np.full(k, LOOKS.index("motion")),
-        facts={},
-        point=place,
-        x=sweep.values[place],
-        y=numbers[place, column],
-    )
+    title, names = f"Sweep of {sweep.parameter}", (sweep.parameter, name)
+    page = page_of_motions(title, names, k, place, sweep.values[place], numbers[place, column])
 
     def series(at: int) -> Series:
         attractor: Attractor = sweep.attractor(at)

@@ -311,6 +311,14 @@ def _motion(series: Callable[[int], Series | None], place: int) -> Series | None
         return None
 
 
+def page_of_motions(
+    title: str, names: tuple[str, str], count: int, point: NDArray[np.int64], x: Array, y: Array
+) -> Page:
+    """Return the page of points that are motions, on one track, without facts."""
+    track, look = np.zeros((2, count), dtype=np.int64)
+    return Page(title, names, track, look, {}, point, x, y)
+
+
 def page_of_cells(
     title: str,
     names: tuple[str, str],
@@ -320,12 +328,9 @@ def page_of_cells(
 ) -> Page:
     """Return a page of cells (k1, k2); only the regions that occur are named."""
     there, numbers = np.unique(numbers, return_inverse=True)
-    count = numbers.size
     cells = Cells(*axes_values, numbers, [regions[i] for i in there.tolist()])
-    none = np.empty(0)
-    point = np.empty(0, np.int64)
-    zeros = np.zeros(count, dtype=np.int64)
-    return Page(title, names, zeros, zeros, {}, point, none, none, cells=cells)
+    none, point = np.empty(0), np.empty(0, np.int64)
+    return replace(page_of_motions(title, names, numbers.size, point, none, none), cells=cells)
 
 
 def _joined(

@@ -10,7 +10,7 @@ import numpy as np
 from dynkit.plotting.regions import css_of
 from dynkit.sweeps.basins.drawing import axis_of, name_of, regions_of
 from dynkit.sweeps.viewing import NO_SYSTEM
-from dynkit.viewer.page import LOOKS, Page, page_of_cells
+from dynkit.viewer.page import Page, page_of_cells, page_of_motions
 
 if TYPE_CHECKING:
     from dynkit.dynamics.attractor import Attractor
@@ -32,16 +32,8 @@ def page_of(found: Any, motions: int) -> Page:
         page = page_of_cells(title, names, (x, y), cells, css_of(regions))
     else:
         widest = int(np.argmax(np.ptp(flat, axis=0)))
-        page = Page(
-            title=title,
-            names=(own[widest], "attractor"),
-            track=np.zeros(len(flat), dtype=np.int64),
-            look=np.full(len(flat), LOOKS.index("motion")),
-            facts={},
-            point=np.arange(len(flat)),
-            x=flat[:, widest],
-            y=group.astype(float),
-        )
+        names, every = (own[widest], "attractor"), np.arange(len(flat))
+        page = page_of_motions(title, names, len(flat), every, flat[:, widest], group.astype(float))
     facts = {
         **dict(zip(own, flat.T[:_COORDINATES], strict=False)),
         "leads to": [found.outcome(*at) for at in np.ndindex(numbers.shape)],
