@@ -42,13 +42,8 @@ def kept(
     @wraps(method)
     def found(self: Any, /, *given: _Given.args, **none: _Given.kwargs) -> _Found:
         known: dict[tuple[Any, ...], _Found] = vars(self).setdefault("_kept", {})
-        key: tuple[Any, ...] = (name, *given)
-        try:
-            return known[key]
-        except KeyError:
-            pass
-        except TypeError:  # arrays have no hash
-            key = tuple(one.tobytes() if isinstance(one, np.ndarray) else one for one in key)
+        own = (one.tobytes() if isinstance(one, np.ndarray) else one for one in given)
+        key: tuple[Any, ...] = (name, *own)
         if key not in known:
             known[key] = made = method(self, *given, **none)
             if isinstance(made, np.ndarray):
