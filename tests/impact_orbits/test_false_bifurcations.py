@@ -133,7 +133,11 @@ def test_no_branch_crosses_where_a_preloaded_stop_is_only_just_left() -> None:
     branch = continue_orbit(
         orbit, "frequency", bounds=(0.7945, 0.847592), step=0.011, largest_step=0.022, points=80
     )
-    assert "BP" not in {found.kind for found in branch.bifurcations}
+    grazing, fold = branch.bifurcations
+    assert (grazing.kind, fold.kind) == ("GR", "SN")
+    assert grazing.value == pytest.approx(0.7970104822288, abs=2.0 * grazing.error)
+    assert grazing.error < 1e-7
+    assert fold.value == pytest.approx(0.797003473318, abs=1e-12)
 
 
 def test_a_curve_of_period_doublings_ends_where_it_meets_a_grazing() -> None:
