@@ -50,3 +50,17 @@ def test_each_curve_of_equilibria_of_one_sign_is_explored_once() -> None:
     assert len(network.branches) == 2
     folded = [equilibrium(Folded(p=p), [2 + s * p**0.5, 4.0]) for p in (0.3, 0.5) for s in (-1, 1)]
     assert len(explore(Folded(), "p", (-1.0, 1.0), seeds=folded).branches) == 1
+
+
+@pytest.mark.parametrize("bound", [1e-6, 1e-4, 1e-3, 3e-3, 0.01])
+@pytest.mark.parametrize("step", [0.003, 0.01, 0.05, 0.2])
+@pytest.mark.parametrize("p", [0.2, 0.5, 0.77])
+def test_a_branch_ends_at_a_bound_before_the_fold_beyond_it(
+    p: float, step: float, bound: float
+) -> None:
+    x = 2.0 + np.sqrt(p)
+    start = equilibrium(Folded(p=p), [x, x**2])
+    steps = {"step": step, "largest_step": 4.0 * step}
+    branch = continue_orbit(start, "p", bounds=(bound, 1.0), **steps)
+    assert branch.bifurcations == ()
+    assert np.sort(branch.unknowns[[0, -1], 0]) == pytest.approx([2.0 + bound**0.5, 3.0], abs=1e-9)
