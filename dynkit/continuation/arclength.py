@@ -244,7 +244,8 @@ class Continuation:
             if a * b < 0.0:
                 turn = brentq(partial(_slope, a, b, after.y[i] - before.y[i]), 0.0, 1.0)
                 if not bound.low <= interpolated(before, after, turn)[i] <= bound.high:
-                    return True
+                    there = self.at(before, turn * length)
+                    return isinstance(there, Point) and self._left(there) is not None
         return False
 
     def _land(
