@@ -4,10 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cached_property, partial
 from typing import final
 
 import numpy as np
+from scipy.optimize import brentq
 
 from dynkit.continuation.closure import passes, return_to
 from dynkit.continuation.corrector import Failure
@@ -29,6 +30,9 @@ _PART = 0.25
 _BETWEEN = (1e-9, 0.0), 1.5
 REPEATED = 1e-7
 """An orbit with a `repetition` below this, in scaled unknowns, is an orbit of a shorter period."""
+
+# Component of the tangent, inwards, of a point on a bound: more is not rounding.
+_LEVEL = 1e-6
 
 _JUMPS = Failure(Reason.NO_CONVERGENCE, "its direction jumps")
 _NEAR_REPETITION = Failure(Reason.NEAR_REPETITION, "steps lead to other orbits")
@@ -161,7 +165,9 @@ class Continuation:
             ahead = self._land_ahead(point, step) if after.reason is Reason.NO_SOLUTION else None
             return ahead or (after, None)
         bound = self._left(after)
-        return (after, None) if bound is None else self._land(point, after, bound)
+        if bound is not None:
+            return self._land(point, after, bound)
+        return (_NOT_ON_BOUND if self._left_between(point, after) else after), None
 
     def at(self, point: Point, step: float, before: Point | None = None) -> Point | Failure:
         """Return the point at a step along the tangent, or why there is none.
@@ -229,6 +235,19 @@ class Continuation:
                 return bound
         return None
 
+    def _left_between(self, before: Point, after: Point) -> bool:
+        """Whether the curve turns back beyond a bound between two points."""
+        length = float(np.linalg.norm((after.y - before.y) / before.scale))
+        for bound in self.bounds:
+            i = bound.unknown
+            a, b = (length * end.tangent[i] * end.scale[i] for end in (before, after))
+            if a * b < 0.0:
+                turn = brentq(partial(_slope, a, b, after.y[i] - before.y[i]), 0.0, 1.0)
+                if not bound.low <= interpolated(before, after, turn)[i] <= bound.high:
+                    there = self.at(before, turn * length)
+                    return isinstance(there, Point) and self._left(there) is not None
+        return False
+
     def _land(
         self, before: Point, after: Point, bound: Bound
     ) -> tuple[Point, Bound] | tuple[Failure, None]:
@@ -245,6 +264,9 @@ class Continuation:
                 break
             if not self._is_same(before, guess, point):
                 return _NEAR_REPETITION, None
+            inwards = point.tangent[index] * (1.0 if value == bound.low else -1.0)
+            if inwards > _LEVEL:  # the curve has returned to the bound, over a fold
+                break
             left = self._left(point)
             if left is None:
                 return point, bound
@@ -266,6 +288,11 @@ class Continuation:
             if _ahead(point, found) and self._is_same(point, guess, found):
                 return found, bound
         return None
+
+
+def _slope(a: float, b: float, way: float, part: float) -> float:
+    """Slope, at a part of the step, of the cubic with two slopes at its ends."""
+    return a + part * (2.0 * (3.0 * way - 2.0 * a - b) + 3.0 * part * (a + b - 2.0 * way))
 
 
 def _ahead(before: Point, after: Point) -> bool:

@@ -189,9 +189,9 @@ class Bifurcation(Tabled):
         """The side on which orbits are born at SN, PD, NS or HB, and their stability.
 
         It is computed from second and third derivatives of the orbit's equations, at NS of the
-        return map. None at the other kinds, on a level of an integral, at NS near a strong
-        resonance or for an inadmissible orbit, and where there are no such derivatives. For flows
-        it takes seconds.
+        return map. None at the other kinds, on a level of an integral, where several multipliers
+        are critical, at NS near a strong resonance or for an inadmissible orbit, and where there
+        are no such derivatives. For flows it takes seconds.
         """
         kind = KINDS[self.kind]
         if kind.normal_form is None or self.multiplier is None:

@@ -116,6 +116,9 @@ def criticality(place: Place, value: complex, form: NormalForm, sign: int) -> Cr
     x, p, kind = place.y[:-1], place.y[-1:], place.problem.stability
     if kind is Spectrum.CONSERVATIVE:
         return None  # two multipliers meet at the critical one: these normal forms assume one
+    spectrum = np.asarray(place.problem.spectrum(x, p))
+    if np.count_nonzero(abs(spectrum - value) < _SAME * max(1.0, abs(value))) > 1:
+        return None  # as of a symmetric system
     accuracy = ROUNDING
     if isinstance(place.problem, PeriodicProblem):
         accuracy = place.problem.orbit(x, p).system.accuracy
@@ -132,7 +135,7 @@ def criticality(place: Place, value: complex, form: NormalForm, sign: int) -> Cr
     supercritical = stable = None
     side = 0
     if abs(coefficient) > error:
-        others = np.asarray(place.problem.spectrum(x, p))
+        others = spectrum
         for critical in {value, value.conjugate()}:
             others = np.delete(others, np.argmin(abs(others - critical)))
         stable = bool(np.all(kind.stable(others)))

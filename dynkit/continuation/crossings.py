@@ -5,6 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any, NamedTuple, final
 
+import numpy as np
+
 from dynkit.core.validation import Array
 from dynkit.orbits.events import Event
 from dynkit.orbits.kinds import BifurcationKind
@@ -39,6 +41,11 @@ class Located(NamedTuple):
     seconds: float
     steps: int
     solved: bool = True
+
+    @property
+    def place(self) -> Array:
+        """Unknowns and parameter, (m + 1,)."""
+        return np.append(self.x, self.p)
 
 
 @final

@@ -31,6 +31,9 @@ _HALVINGS = 45
 _OF_BLUR = 0.25
 # Tolerances of `beside` for a solution between two points.
 _WITHIN = (1e-6, 1e-9), 2.0
+# The same without its ends: in so many divisions at first a solution at an end is not taken, as it
+# may be that of the next step.
+_INSIDE, _DOUBTED = ((-1e-6, -1e-9), 2.0), 4
 # Least abs(sin theta) of NS.
 _FLAT = 1e-3
 # Largest error of a located bifurcation, relative to the range of the parameter.
@@ -61,12 +64,15 @@ def locate(
     steps = 0
     heights = [_height(before, crossing), _height(after, crossing)]
     size = max(height for height in heights if height < np.inf)
-    due, division = 8, _Division(crossing.event, before, after)
+    together = after.seen.crossings.count(crossing)
+    due, division, begin = 8, _Division(crossing.event, before, after), _way(before, after)
     for halving in range(_HALVINGS):
         if halving % 8 == 0 if halving > 8 else _is_plain(before, after, crossing):
             known = after.seen.branch_point if crossing.kind is BifurcationKind.BP else None
-            found = known or solved(problem, before, after, crossing)
-            if found is not None:
+            found = known or solved(problem, before, after, crossing, together)
+            if found is not None and (
+                halving >= _DOUBTED or known or beside(before, after, found.place, *_INSIDE)
+            ):
                 seconds = time.perf_counter() - began
                 return found._replace(seconds=seconds, steps=steps + len(found.history) - 1)
         if halving == due:
@@ -87,7 +93,9 @@ def locate(
             return None
         division.take(middle)
     least = min(_height(before, crossing), _height(after, crossing))
-    if least > KINDS[crossing.kind].jump * size:
+    # of a zero this remains, too, where the step is not much longer than rounding
+    left = _way(before, after) / begin
+    if least > max(KINDS[crossing.kind].jump, left) * size:
         return None
     critical = KINDS[crossing.kind].critical.get(problem.stability)
     if crossing.kind in (*_PAIRS, BifurcationKind.RS) or (
@@ -113,6 +121,11 @@ def locate(
     )
 
 
+def _way(before: Point, after: Point) -> float:
+    """Distance of two points, in scaled unknowns."""
+    return float(np.linalg.norm((after.y - before.y) / before.scale))
+
+
 def _height(point: Point, crossing: Crossing) -> float:
     """Return the magnitude of the event's value; zero where the kind is not an event."""
     return abs(point.seen.events[crossing.event].value) if crossing.event >= 0 else 0.0
@@ -128,7 +141,8 @@ def _blur(curve: Continuation, point: Point) -> Array:
     bound = error_bound(equations, equations.jacobian(point.y), point.y, scale, point.tangent)
     errors = np.asarray((bound / scale).max() * scale)
     way = float(np.linalg.norm(point.tangent[:-1]))
-    errors[-1] *= max(1.0, abs(float(point.tangent[-1])) / way) if way else np.inf
+    if errors[-1]:
+        errors[-1] *= max(1.0, abs(float(point.tangent[-1])) / way) if way else np.inf
     return errors
 
 
@@ -140,7 +154,8 @@ def _is_plain(before: Point, after: Point, crossing: Crossing) -> bool:
 def _blurs(curve: Continuation, before: Point, after: Point) -> float:
     """Return the distance of two points, in distances of the second from the exact curve."""
     apart, blur = abs(after.y - before.y), _OF_BLUR * _blur(curve, after)
-    return float((apart[apart > 0.0] / blur[apart > 0.0]).max(initial=0.0))
+    with np.errstate(divide="ignore"):
+        return float((apart[apart > 0.0] / blur[apart > 0.0]).max(initial=0.0))
 
 
 class _Division:
@@ -153,14 +168,10 @@ class _Division:
 
     def __init__(self, event: int, before: Point, after: Point) -> None:
         self._event, self._begin = event, before
-        self._longest, self._beyond = 4.0 * self._way(after), False
+        self._longest, self._beyond = 4.0 * _way(before, after), False
         self._positive: list[tuple[float, float]] = []
         for point in (before, after):
             self.take(point)
-
-    def _way(self, point: Point) -> float:
-        """Distance from the begin of the first step."""
-        return float(np.linalg.norm((point.y - self._begin.y) / self._begin.scale))
 
     def take(self, point: Point) -> None:
         """Note a point of the branch."""
@@ -170,11 +181,11 @@ class _Division:
         self._beyond = event.value > 0.0
         if 0.0 < event.value < np.inf:
             distance = event.value ** (1.0 / event.power)
-            self._positive = [*self._positive[-1:], (self._way(point), distance)]
+            self._positive = [*self._positive[-1:], (_way(self._begin, point), distance)]
 
     def part(self, before: Point, after: Point) -> float:
         """Part of the step at which it is divided."""
-        low, high = self._way(before), self._way(after)
+        low, high = _way(self._begin, before), _way(self._begin, after)
         late, self._longest = high - low > self._longest, 0.5 * self._longest
         if late or len(self._positive) < 2:
             return _PARTS[0]
@@ -197,7 +208,7 @@ def _examined_middle(
 
     For an event only that of its orbit is computed.
     """
-    length = float(np.linalg.norm((after.y - before.y) / before.scale))
+    length = _way(before, after)
     for part in (first, *_PARTS):
         if crossing.event < 0:
             middle = curve.at(before, part * length)
@@ -215,7 +226,7 @@ def _examined_middle(
 
 
 def _on_the_border(problem: Problem, x: Array, p: Array) -> int:
-    """Return the number of complex pairs on the border of stability; NS and HB have one."""
+    """Return the number of complex pairs on the border of stability."""
     values = np.asarray(problem.spectrum(x, p))
     near = problem.stability.from_border(values) < _ON_BORDER
     return int(np.count_nonzero(near & (values.imag > 0.0) & ~are_real(values)))
@@ -226,8 +237,13 @@ def _is_multiplier(problem: Problem, x: Array, p: Array, number: float) -> bool:
     return bool((abs(np.asarray(problem.spectrum(x, p)) - number) < _NEAR).any())
 
 
-def solved(problem: Problem, before: Point, after: Point, crossing: Crossing) -> Located | None:
-    """Return the bifurcation that Newton's method finds between two points, if any."""
+def solved(
+    problem: Problem, before: Point, after: Point, crossing: Crossing, together: int = 1
+) -> Located | None:
+    """Return the bifurcation that Newton's method finds between two points, if any.
+
+    At NS and HB one pair is on the border of stability, or as many as pass it `together`.
+    """
     kind, event, _ = crossing
     guess = interpolated(before, after, _part(before, after, crossing))
     own = np.empty(0)
@@ -260,7 +276,7 @@ def solved(problem: Problem, before: Point, after: Point, crossing: Crossing) ->
     if equations.is_unfolded(found.y):
         return None
     # at grazing D(mu) is singular for numbers that are not multipliers
-    if kind in _PAIRS and _on_the_border(problem, x, p) != 1:
+    if kind in _PAIRS and _on_the_border(problem, x, p) not in (1, together):
         return None
     if kind is BifurcationKind.PD and not _is_multiplier(problem, x, p, -1.0):
         return None

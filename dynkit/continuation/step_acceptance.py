@@ -71,7 +71,7 @@ class Acceptance:
 
     def _flat(self, located: Located, before: Point, way: Array) -> Array | None:
         equations = OrbitEquations(self.problem, float(before.scale[-1]))
-        place = np.append(located.x, located.p)
+        place = located.place
         directions = crossing_directions(equations, place, before.scale)
         directions = directions or [way / np.sqrt(way @ way)]
         tangent = max(directions, key=lambda direction: abs(float(direction @ way)))

@@ -155,7 +155,8 @@ def neighbours(place: Place) -> list[Any]:
     for other, guess, values in problem.neighbours(event, y[:-1], y[-1:]):
         try:
             solution, history = solve(other, guess, values)
-            found.append(other.solution(solution, values, history))
+            once, x = other.shortest(solution)
+            found.append(once.solution(x, values, history))
         except (NoConvergence, NoSolution):
             continue
     return found

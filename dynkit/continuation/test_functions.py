@@ -95,11 +95,33 @@ def _folds(before: Point, after: Point) -> int:
 
 
 def _branch_points(before: Point, after: Point) -> int:
-    return int(before.turn != after.turn)
+    passed = _passed(before, after, 1.0) - _folds(before, after)
+    return _several(passed, before.turn != after.turn)
 
 
 def _period_doublings(before: Point, after: Point) -> int:
-    return int(before.seen.flip != after.seen.flip)
+    return _several(_passed(before, after, -1.0), before.seen.flip != after.seen.flip)
+
+
+def _several(passed: int, odd: bool) -> int:
+    """Return the number of bifurcations; the sign of a determinant says whether it is odd.
+
+    Multipliers may also change through infinity.
+    """
+    return passed if passed > 1 and passed % 2 == odd else int(odd)
+
+
+def _passed(before: Point, after: Point, side: float) -> int:
+    """Return how many real numbers of one sign pass the border in one direction within a step.
+
+    Such are the double ones of a symmetric system. They are as many as are outside more, otherwise
+    0 is returned.
+    """
+    a, b = before.seen, after.seen
+    values = [seen.spectrum[~seen.kind.inside(seen.spectrum)] for seen in (a, b)]
+    here, there = (int(np.count_nonzero(are_real(out) & (side * out.real > 0.0))) for out in values)
+    count, more = abs(here - there), abs(len(values[0]) - len(values[1]))
+    return count if count == more and a.pairs == b.pairs else 0
 
 
 def _tori(before: Point, after: Point) -> int:

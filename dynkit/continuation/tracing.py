@@ -81,7 +81,7 @@ def trace(problem: Problem, curve: Continuation, inadmissible: bool) -> Trace:
             break
         centre = point.seen.branch_point
         if centre is not None and point.seen.flat is not None:
-            place = np.append(centre.x, centre.p)
+            place = centre.place
             step = float(np.linalg.norm(way / before.scale))
             aside = min(_ASIDE, _OF_STEP * step)
             found.centres.append((place, aside, step))
@@ -173,7 +173,7 @@ def is_of_symmetry(
     Where the branch is flat the direction of a point beside the centre is rounding: a fold within
     two steps for which Newton's method finds no solution is that.
     """
-    place = np.append(located.x, located.p)
+    place = located.place
     near = [
         np.linalg.norm((place - other) / scale) < (aside if located.solved else 2.0 * step)
         for other, aside, step in centres
@@ -194,7 +194,7 @@ def _between(
         near = before.y[:-1], before.y[-1:]
         of_multiplier = crossing.kind in (*_OF_MULTIPLIERS, BifurcationKind.BP)
         if not of_multiplier or not merges(problem, located.x, located.p, *near):
-            gap = (np.append(located.x, located.p) - before.y) / before.scale
+            gap = (located.place - before.y) / before.scale
             found.append((float(np.clip(gap @ way / (way @ way), 0.0, 1.0)), located))
     return sorted(found, key=lambda entry: entry[0])
 

@@ -1,7 +1,8 @@
 """Bifurcations that come in pairs within a step, so that no test function changes its sign over it.
 
 Between three points a test function is about a parabola. Where that turns back beyond the border,
-between two of them on the other side of it, the branch is examined.
+between two of them on the other side of it, the branch is examined. So it is between two numbers of
+the spectrum that pass the border within a step.
 """
 
 from __future__ import annotations
@@ -39,17 +40,18 @@ def unnoticed(curve: Continuation, points: Sequence[Point]) -> Iterator[tuple[in
     """
     for i, part in reversed(list(enumerate(_turns(points)))):
         if not math.isnan(part):
-            found = _between(curve, points[i], points[i + 1], part)
+            found = _between(curve, points[max(i - 1, 0) : i + 2], part)
             if found:
                 yield i, found
 
 
-def _between(curve: Continuation, before: Point, after: Point, part: float) -> list[Point]:
-    """Points from between two to the second: between them a test function has the other sign.
+def _between(curve: Continuation, points: Sequence[Point], part: float) -> list[Point]:
+    """Points from between the last two to the last: between them a test function has another sign.
 
     The first one that is tried is at a part of the step. Empty where there is none.
     """
-    known, places = [before, after], [0.0, 1.0]
+    known, places = list(points), [-1.0, 0.0, 1.0][-len(points) :]
+    before, after = points[-2:]
     for _ in range(_TRIES):
         middle = curve.between(before, after, part)
         if isinstance(middle, Failure):
@@ -65,6 +67,7 @@ def _between(curve: Continuation, before: Point, after: Point, part: float) -> l
         known.insert(at, middle)
         places.insert(at, part)
         parts = _turns(known)
+        parts[: len(points) - 2] = np.nan
         if np.isnan(parts).all():
             return []
         at = int(np.flatnonzero(~np.isnan(parts))[0])
@@ -91,13 +94,16 @@ def _separated(curve: Continuation, before: Point, after: Point) -> list[Point]:
 
 
 def _turns(points: Sequence[Point]) -> Array:
-    """Of each step, (k - 1,), the part at which a parabola turns beyond a border; NaN for none."""
-    k, out = len(points), np.full(len(points) - 1, np.nan)
+    """Parts of steps, (k - 1,), at which a parabola turns beyond a border; NaN for none.
+
+    Or those half-way between two numbers of the spectrum that pass it.
+    """
+    k, ways = len(points), [(b.y - a.y) / a.scale for a, b in pairwise(points)]
+    steps = np.array([float(np.sqrt(way @ way)) for way in ways])
+    heights, passing = _heights(points, steps)
+    out = _halfway(passing)
     if k < 3:
         return out
-    heights = _heights(points)
-    ways = [(b.y - a.y) / a.scale for a, b in pairwise(points)]
-    steps = np.array([float(np.sqrt(way @ way)) for way in ways])
     # the third point is the one before the step, or the one after it
     for first, third, place in (
         (slice(1, k - 1), slice(0, k - 2), -steps[:-1] / steps[1:]),
@@ -118,26 +124,40 @@ def _turns(points: Sequence[Point]) -> Array:
     return out
 
 
-def _heights(points: Sequence[Point]) -> Array:
+def _halfway(heights: Array) -> Array:
+    """Of each step, (k - 1,), the part between the first two changes of sign; NaN for none."""
+    a, b = heights[:-1], heights[1:]
+    with np.errstate(all="ignore"):
+        part = np.where((a > 0.0) != (b > 0.0), a / (a - b), np.nan)
+    part = np.sort(np.pad(part, ((0, 0), (0, 2)), constant_values=np.nan), axis=1)[:, :2]
+    return np.where(part[:, 0] < part[:, 1], part.mean(axis=1), np.nan)
+
+
+def _heights(points: Sequence[Point], steps: Array) -> tuple[Array, Array]:
     """Numbers (k, j) whose signs are those of test functions; NaN or infinite where they have none.
 
     They are the tangent's part along the parameter; how far the numbers of the spectrum that are
     nearest to the border of stability are beyond it, in the order in which they continue each
-    other; what events watch.
+    other; what events watch. The second array, (k, i), has those of the spectrum, of complex pairs
+    one.
     """
-    rows, last = list[Array](), np.empty(0)
-    for point in points:
+    rows, singles, last, ahead = list[Array](), list[Array](), np.empty(0), np.empty(0)
+    for i, point in enumerate(points):
         seen, kind = point.seen, point.seen.kind
         with np.errstate(all="ignore"):  # infinite where an orbit grazes
             beyond = np.log(abs(seen.spectrum)) if kind.periodic else seen.spectrum.real
             near = np.argsort(abs(beyond), kind="stable")[:_MOST]
             values = seen.spectrum[near]
-            last = last if rows else values
-            gaps = np.nan_to_num(abs(np.subtract.outer(last, values)), nan=_FAR, posinf=_FAR)
-        order = linear_sum_assignment(gaps)[1]
-        last, outside = values[order], beyond[near][order]
+            ahead = ahead if rows else values
+            gaps = np.nan_to_num(abs(np.subtract.outer(ahead, values)), nan=_FAR, posinf=_FAR)
+            order = linear_sum_assignment(gaps)[1]
+            known, last, outside = last, values[order], beyond[near][order]
+            ahead = last
+            if 0 < i < len(steps):  # on the line through both: numbers may pass each other
+                ahead = last + (last - known) * (steps[i] / steps[i - 1])
         if kind is Spectrum.CONSERVATIVE:  # all of them are on the border
             outside = np.full(len(last), np.nan)
         events = [math.nan if event.ends else event.value for event in seen.events]
         rows.append(np.concatenate([point.tangent[-1:], outside, events]))
-    return np.array(rows)
+        singles.append(np.where(last.imag < 0.0, np.nan, outside))
+    return np.array(rows), np.array(singles)

@@ -158,18 +158,19 @@ class Problem(Extensible, ABC):
         return np.asarray(known[0][0])
 
     def canonical(self, x: Array) -> Array:
-        """Return numbers, (l,), of order one that are equal for equivalent solutions.
+        """Return unknowns, (m,), that are equal for equivalent solutions.
 
-        Where the same orbit has several solutions, they are the numbers of one of these.
+        Where the same orbit has several solutions, they are those of one of these.
         """
-        return np.asarray(x / self.scale(x))
+        return x
 
     def apart(self, x: Array, other: Array) -> Array:
         """Return the difference of two solutions, (l,), in numbers of order one.
 
         It is zero for equivalent solutions, and continuous in `x` near such a solution.
         """
-        return self.canonical(x) - self.canonical(other)
+        here = self.canonical(other)
+        return np.asarray((self.canonical(x) - here) / self.scale(here))
 
     def oscillation(
         self, x: Array, p: Array, frequency: float, mode: Any

@@ -133,7 +133,11 @@ def test_no_branch_crosses_where_a_preloaded_stop_is_only_just_left() -> None:
     branch = continue_orbit(
         orbit, "frequency", bounds=(0.7945, 0.847592), step=0.011, largest_step=0.022, points=80
     )
-    assert "BP" not in {found.kind for found in branch.bifurcations}
+    grazing, fold = branch.bifurcations
+    assert (grazing.kind, fold.kind) == ("GR", "SN")
+    assert grazing.value == pytest.approx(0.7970104822288, abs=2.0 * grazing.error)
+    assert grazing.error < 1e-7
+    assert fold.value == pytest.approx(0.797003473318, abs=1e-12)
 
 
 def test_a_curve_of_period_doublings_ends_where_it_meets_a_grazing() -> None:
@@ -193,3 +197,31 @@ def test_a_label_has_no_multiplier_where_an_outcome_is_a_choice() -> None:
     label = system.attractor(start=start, transient=300, impacts=40).label
     assert str(label) == "P(2,1)"
     assert np.isnan(label.multiplier)
+
+
+def test_orbits_beyond_a_grazing_have_their_least_period() -> None:
+    """P(5,2) is born where P(2,1) grazes: on P(5,2) an impact vanishes and another appears."""
+    stops = [
+        HardStop(0, offset=-0.46097290411016306, restitution=0.41772166487628304, name="a"),
+        HardStop(
+            0, side="below", offset=0.2933115468204526, restitution=0.5144156138907512, name="b"
+        ),
+    ]
+    machine = ImpactChain(
+        masses=1,
+        damping=0.17749350197534275,
+        frequency=1.0524794130955895,
+        harmonic_forces=[0.6520223518116196],
+        elements=stops,
+    )
+    orbit = machine.attractor(transient=300).periodic_orbit()
+    assert str(orbit.label) == "P(5,2)"
+    branch = continue_orbit(orbit, "a.restitution", bounds=(0.351, 0.5))
+    borders = [found for found in branch.bifurcations if found.kind == "GR"]
+    assert [found.value for found in borders] == pytest.approx([0.35200065958049] * 2, abs=1e-12)
+    beyond = [other for found in borders for other in found.switch()]
+    assert sorted(str(other.label) for other in beyond) == ["P(2,1)", "P(3,1)"]
+    (alone,) = (other for other in beyond if str(other.label) == "P(2,1)")
+    other = continue_orbit(alone, "a.restitution", bounds=(0.34, 0.5))
+    grazings = [found.value for found in other.bifurcations if found.kind == "GR"]
+    assert grazings == pytest.approx([borders[0].value], abs=1e-11)

@@ -345,6 +345,7 @@ class ItineraryEquations(ImpactProblem):
         return problem, twice, np.concatenate([a, late, b, -b, c, -c])
 
     def canonical(self, x: Array) -> Array:
+        """Return numbers, (l,), of order one that are equal for equivalent solutions."""
         phases, pushed = self._marked(x)
         if self._of_nodes:  # means over the nodes, which do not depend on which is the first
             states = self.layout.split(x)[2].reshape(self.parts, -1)
