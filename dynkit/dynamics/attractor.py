@@ -31,7 +31,8 @@ class Attractor(Extensible, Result, ABC):
 
     1. `system`, the `Map` whose iterates the states are.
     2. `transient`, the number of skipped states, and `states`, (n, d), the kept states in their
-       order, read-only. A longer transient gives the later part of the same motion, bit for bit.
+       order, read-only. A longer transient gives the later part of the same motion, bit for bit, or
+       to rounding as `Map.following`.
     3. `label`, an `OrbitLabel`: computed once, when it is first read.
     4. ``time_series(times)``, the motion at given times, in columns that the subclass documents.
        The times may lie beyond the kept states, and the same times give the same bits.

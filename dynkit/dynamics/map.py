@@ -63,7 +63,8 @@ class Map(SmoothMap):
         gives the same bits. A state from other values of the parameters is first converted to a
         state of this map.
     13. ``following(final, keep)``, the next states after the `final` of an attractor, bit for bit
-        those of a longer attractor.
+        those of a longer attractor; to rounding, where a machine has soft stops, friction or
+        sliders.
     14. ``displaced(motion, size)``, the last state of a motion, displaced in a direction without
         symmetry.
 

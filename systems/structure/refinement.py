@@ -267,8 +267,9 @@ def _assembled(stiffness: SymmetricMatrix, x: Array, step: _Step) -> Eigenpairs:
     )
     mixed = size @ (uncertain + step.left)
     vectors_error = np.max(mixed, axis=0) / np.max(size, axis=0)
-    third_order = np.sum(np.abs(step.numerators) * step.left, axis=0)
-    values_error = (stiffness.widest_row + 8) * ROUNDING * level + third_order
+    # The correction of a value is a sum of numerators times corrections of vectors.
+    inexact = np.abs(step.numerators) * step.left + 32.0 * step.noise * np.abs(step.corrections)
+    values_error = (stiffness.widest_row + 8) * ROUNDING * level + np.sum(inexact, axis=0)
     if step.clusters:
         # The steps ran out before every mode stood alone.
         stuck = np.concatenate(step.clusters)

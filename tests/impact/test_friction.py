@@ -20,6 +20,7 @@ from dynkit.systems import (
     SoftStop,
 )
 from dynkit.systems.impact.simulation.runs import trajectory_of
+from dynkit.systems.impact.simulation.trajectory import Ending
 from tests.effort import is_thorough
 from tests.impact.agreement import moves_as_in_many_digits
 
@@ -489,3 +490,26 @@ def test_friction_holds_what_moves_by_rounding_alone(seed: int) -> None:
         record = system.simulate(impacts=2, start=start)
         assert record.time == pytest.approx(exact.time, abs=1e-10)
         assert record.position[-1] == pytest.approx(exact.position[-1], abs=1e-10)
+
+
+@pytest.mark.parametrize("weight", [0.7, 0.75, 0.8, 0.9, 1.0])
+def test_contact_beside_friction_that_sticks_lasts_for_ever(weight: float) -> None:
+    # The masses join both rows: rounding must give what sticks no velocity of its own.
+    machine = MatrixOscillator(
+        M=[[0.95, 0.34], [0.34, 1.17]],
+        C=[[0.2, 0.01], [0.01, 0.13]],
+        K=[[2.3, -1.8], [-1.8, 2.45]],
+        frequency=1.34,
+        constant_forces=[-weight, -0.2],
+        harmonic_forces=[0.3, 0.3],
+        elements=[
+            HardStop(0, restitution=0.5, name="floor"),
+            DryFriction(1, force=3.0, amplitude=0.17),
+        ],
+    )
+    record = machine.simulate(impacts=100, start=machine.state([0.2, 0.0], [0.0, 0.17 * 1.34]))
+    assert record.ending is Ending.CONTACT_FOR_EVER
+    force = record.observable("floor.contact_force", np.linspace(30.0, 60.0, 501))
+    assert force.min() > 1e-3
+    further = machine.simulate(impacts=100, start=record.final)
+    assert (len(further), further.ending) == (0, Ending.CONTACT_FOR_EVER)

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from dynkit.systems import ImpactChain, ImpactRod
+from dynkit.systems.impact.simulation.trajectory import Ending
 
 FREE = ImpactRod(masses=50, far_end="free", amplitude=0.0, frequency=1.0)
 FIXED = ImpactRod(masses=60, amplitude=0.0, offset=-100.0, frequency=1.0, damping=0.002)
@@ -37,6 +38,13 @@ def test_a_free_rod_stays_for_two_travel_times_and_leaves_as_it_came(falls: Any)
     assert 0.55 < order(sizes, np.abs(np.subtract(contact, 2.0))) < 0.75
     assert 0.55 < order(sizes, np.abs(np.subtract(left, 1.0))) < 0.85
     assert abs(left[-1] - 1.0) < 0.01
+
+
+@pytest.mark.parametrize("masses", [3, 5, 9, 10, 14, 16])
+def test_a_free_rod_that_has_left_its_stop_never_returns(masses: int) -> None:
+    rod = FREE.replace(masses=masses)
+    assert rod.natural_frequencies[0] == 0.0
+    assert rod.simulate(impacts=20, start=rod.moving(0.5, -1.0)).ending is Ending.NO_FURTHER_CONTACT
 
 
 @pytest.mark.parametrize("time", [0.5, 1.5])

@@ -85,3 +85,22 @@ def test_an_orbit_with_a_preload_is_that_of_the_map() -> None:
     assert np.sort_complex(own.multipliers) == pytest.approx(
         np.sort_complex(of_map.multipliers), abs=1e-9
     )
+
+
+@pytest.mark.parametrize("transient", [1, 2])
+def test_the_error_of_an_attractor_counts_modes_that_its_transient_did_not_enter(
+    transient: int,
+) -> None:
+    machine = ImpactChain(
+        masses=3,
+        frequency=0.9,
+        harmonic_forces=[0.4, 0.0, 0.0],
+        elements=[
+            HardStop(2, amplitude=0.1, restitution=0.4),
+            DryFriction(0, force=0.1),
+            Jenkins((0, 1), stiffness=2.0, force=0.2),
+        ],
+    )
+    attractor = machine.attractor(transient=transient, keep=60)
+    whole = machine.simulate(impacts=transient + 60)
+    assert attractor.error == pytest.approx(whole.error.max(), rel=1.0)

@@ -185,6 +185,18 @@ def test_rigid_body_modes_of_rounded_matrices_have_frequency_zero_exactly() -> N
     assert modes.frequencies[1] > 0.1
 
 
+@pytest.mark.parametrize("seed", range(30))
+def test_a_coordinate_without_springs_that_masses_join_is_a_rigid_body(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    size = int(rng.integers(2, 9))
+    factor = rng.normal(size=(size, size))
+    mass = np.diag(rng.uniform(0.5, 2.0, size)) + 0.3 * factor @ factor.T
+    stiffness = np.diag(np.insert(rng.uniform(0.1, 3.0, size - 1), rng.integers(size), 0.0))
+    modes = Modes.from_matrices((mass + mass.T) / 2.0, np.zeros((size, size)), stiffness)
+    assert modes.frequencies[0] == 0.0
+    assert modes.frequencies[1] > 0.01
+
+
 @pytest.mark.parametrize("size", [4, 9, 60])
 def test_double_frequencies_are_found_twice(size: int) -> None:
     modes = Modes.from_matrices(np.eye(size), np.zeros((size, size)), laplacian(size))

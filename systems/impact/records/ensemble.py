@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, final
 
 import numpy as np
@@ -92,10 +92,7 @@ class Ensemble:
         numbers[here] = members.number[there]
         time, speed, guard, reached, none = members.last
         last = Impacts(time[there], speed[there], guard[there], reached[there], none)
-        automaton = system._automaton  # a later orbit may have entered modes that the first did not
-        regimes, guards = tuple(automaton.regimes), automaton.table
-        run = replace(self.records[0]._run.holding(last), regimes=regimes, guards=guards)
-        found[here] = ImpactRecord(system, run).states
+        found[here] = ImpactRecord(system, self.records[0]._run.holding(last)).states
         names = "impacts", "cells", "contacts", "touches"
         counts = dict(zip(names, members.counts.sum(axis=0).tolist(), strict=True))
         return numbers, found, Cost(0.0, counts)

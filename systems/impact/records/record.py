@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable, Iterator, Sequence
 from contextlib import ExitStack
-from dataclasses import replace
 from functools import cached_property
 from typing import TYPE_CHECKING, Any, final
 
@@ -107,10 +106,7 @@ def _compare(batch: ImpactRecord, twin: Any, units: Array, worst: Array) -> None
     # One that has ended has no further impacts.
     more = len(batch) if twin.ending is Ending.COUNT_REACHED else 0
     system, log = batch.system, twin.advance(more, store=True)
-    automaton = system._automaton  # the twin may have entered modes that the motion did not
-    regimes, guards = tuple(automaton.regimes), automaton.table
-    run = replace(batch._run.holding(log), regimes=regimes, guards=guards)
-    other, k = ImpactRecord(system, run), len(log.time)
+    other, k = ImpactRecord(system, batch._run.holding(log)), len(log.time)
     gap = abs(system.difference(other.states, batch.states[:k]) / units).max(axis=1, initial=0.0)
     # Phases that differ by whole turns compare as equal; times do not.
     late = abs(other.time - batch.time[:k]) - 2.0**-51 * batch.time[:k]

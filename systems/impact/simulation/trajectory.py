@@ -227,11 +227,14 @@ class Trajectory:
 
     def part(self, low: int, high: int) -> Trajectory:
         """The same trajectory with the impacts from number `low` to `high` - 1 only."""
-        return self.holding(self.log.part(low, high))
+        log = self.log.part(low, high)
+        return replace(self, log=log, impacts=len(log.time))
 
     def holding(self, log: Impacts) -> Trajectory:
-        """The same trajectory with another log of impacts."""
-        return replace(self, log=log, impacts=len(log.time))
+        """The same trajectory with impacts that were simulated since, maybe in further modes."""
+        automaton = self.start._system._automaton
+        regimes, guards = tuple(automaton.regimes), automaton.table
+        return replace(self, log=log, impacts=len(log.time), regimes=regimes, guards=guards)
 
     @property
     def counts(self) -> dict[str, int]:
