@@ -5,12 +5,16 @@ from __future__ import annotations
 import numpy as np
 
 from dynkit.analysis.averages import LEAST
+from dynkit.core.no_motion import NoMotion
 from dynkit.core.smooth_map import SmoothMap, generic_direction
 from dynkit.core.stretching import Stretching
 from dynkit.core.validation import Array
 
 _MATCHES = 32
 """Number of rows that agree before the states themselves are compared."""
+
+_AROUND = 16
+"""Number of iterates whose largest coordinates are the sizes of disturbances."""
 
 _MARGIN = 8.0
 """Safety factor: an iterate has several roundings, and the disturbance has one direction."""
@@ -47,8 +51,9 @@ def rounding_of(system: SmoothMap, found: Stretching, iterates: int) -> Array:
     """Return errors (d,) of average logarithms of a stable motion, from rounding of its states.
 
     A disturbance of one state changes the logarithms of all later iterates. Every iterate is such a
-    disturbance, by the error of a call. The changes are those of a run from a disturbed state, in
-    a generic direction, to first order.
+    disturbance, by the map's `accuracy` times the size of each coordinate. The changes are those of
+    a run from a disturbed state, in a generic direction, to first order. The errors are infinite
+    where that run ends.
 
     Parameters
     ----------
@@ -58,13 +63,16 @@ def rounding_of(system: SmoothMap, found: Stretching, iterates: int) -> Array:
     iterates : int
         Number of iterates in which the disturbance decays.
     """
-    state = found.state
-    error = float(system.call_errors(state[None])[0])
-    size = np.sqrt(error * abs(state).max())  # between rounding and the size of the state
-    moved = state + size * np.sqrt(len(state)) * generic_direction(len(state))
-    near, far = (
-        system.stretching(start, iterates, np.array(found.frame)).logs for start in (state, moved)
-    )
+    state, part = found.state, float(np.sqrt(system.accuracy))  # between rounding and the states
+    try:
+        sizes = abs(system.iterate(state, _AROUND)).max(axis=0)
+        moved = state + part * sizes * np.sqrt(len(state)) * generic_direction(len(state))
+        near, far = (
+            system.stretching(start, iterates, np.array(found.frame)).logs
+            for start in (state, moved)
+        )
+    except NoMotion:
+        return np.full(found.logs.shape[1], np.inf)
     with np.errstate(invalid="ignore"):
         changes = np.nan_to_num(abs(far - near), posinf=0.0).sum(axis=0)
-    return np.asarray(_MARGIN * changes * (error / size) if size else 0.0 * changes)
+    return np.asarray(_MARGIN * part * changes)
