@@ -16,8 +16,8 @@ _MATCHES = 32
 _AROUND = 16
 """Number of iterates whose largest coordinates are the sizes of disturbances."""
 
-_MARGIN = 8.0
-"""Safety factor: an iterate has several roundings, and the disturbance has one direction."""
+_ROUNDINGS = 8.0 * 2.0**-52
+"""Least error of an iterate, relative to a coordinate: a call has several roundings."""
 
 
 def distinct_iterates(system: SmoothMap, state: Array, logs: Array) -> int:
@@ -51,9 +51,9 @@ def rounding_of(system: SmoothMap, found: Stretching, iterates: int) -> Array:
     """Return errors (d,) of average logarithms of a stable motion, from rounding of its states.
 
     A disturbance of one state changes the logarithms of all later iterates. Every iterate is such a
-    disturbance, by the map's `accuracy` times the size of each coordinate. The changes are those of
-    a run from a disturbed state, in a generic direction, to first order. The errors are infinite
-    where that run ends.
+    disturbance, by the map's `accuracy`, or eight roundings, of each coordinate. The changes are
+    those of a run from a disturbed state, in a generic direction, to first order. The errors are
+    infinite where that run ends.
 
     Parameters
     ----------
@@ -63,7 +63,7 @@ def rounding_of(system: SmoothMap, found: Stretching, iterates: int) -> Array:
     iterates : int
         Number of iterates in which the disturbance decays.
     """
-    state, part = found.state, float(np.sqrt(system.accuracy))  # between rounding and the states
+    state, part = found.state, np.sqrt(max(system.accuracy, _ROUNDINGS))
     try:
         sizes = abs(system.iterate(state, _AROUND)).max(axis=0)
         moved = state + part * sizes * np.sqrt(len(state)) * generic_direction(len(state))
@@ -75,4 +75,4 @@ def rounding_of(system: SmoothMap, found: Stretching, iterates: int) -> Array:
         return np.full(found.logs.shape[1], np.inf)
     with np.errstate(invalid="ignore"):
         changes = np.nan_to_num(abs(far - near), posinf=0.0).sum(axis=0)
-    return np.asarray(_MARGIN * part * changes)
+    return np.asarray(part * changes)
