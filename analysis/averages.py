@@ -46,6 +46,12 @@ class TimeAverages:
     Where the run changes its regime (`change`) the averages of the whole belong to no regime, and
     the errors are increased by the largest difference to those before and after the change.
 
+    Parameters
+    ----------
+    series : (n, k) array
+    growths : int
+        Number of first columns that are logarithms of stretching: see `regime_change`.
+
     References
     ----------
     U. K. Müller, M. W. Watson, Low-frequency econometrics, in Advances in Economics and
@@ -53,7 +59,7 @@ class TimeAverages:
     A. Yorke, Quantitative quasiperiodicity, Nonlinearity 30 (2017) 4111-4140 (the weight).
     """
 
-    def __init__(self, series: Array) -> None:
+    def __init__(self, series: Array, *, growths: int = 0) -> None:
         count = len(series)
         weight = _ramps(count)
         self._mean = weight @ series
@@ -72,7 +78,7 @@ class TimeAverages:
         slow, fast = squares[:_SLOWEST].mean(axis=0), squares[_SLOWEST:].mean(axis=0)
         self.resolved = self.regular or bool((slow <= _STEEP * fast).all())
         """Whether correlations are shorter than the slow waves: only then are the errors valid."""
-        self.change = None if self.regular else regime_change(series)
+        self.change = None if self.regular else regime_change(series, growths=growths)
         """The change of regime: see `dynkit.analysis.regimes.regime_change`."""
         at = 0 if self.change is None else self.change.at
         self._regimes = [series[:at].mean(axis=0), series[at:].mean(axis=0)] if at else []

@@ -15,6 +15,7 @@ from dynkit.analysis.batches import in_values
 from dynkit.analysis.kaplan_yorke import kaplan_yorke
 from dynkit.analysis.motions import attractor_of, going_on_for
 from dynkit.analysis.regimes import RegimeChange
+from dynkit.analysis.rounding import distinct_iterates, rounding_of
 from dynkit.core.cost import Cost
 from dynkit.core.smooth_map import SmoothMap, checked_map
 from dynkit.core.stretching import Stretching
@@ -48,10 +49,12 @@ class LyapunovSpectrum(Saved):
     half-width of a 95 % interval (Student's t) from the slow waves in the logarithms, plus the
     average error of a single logarithm. Periodic and quasi-periodic motions are recognised by the
     much faster convergence of weighted averages; their error is the largest distance between these
-    averages over parts of the motion. The errors are valid when the motion is `resolved`, for its
-    attractor. Where the run changes its regime, for example when transient chaos ends, the errors
-    cover the exponents before and after; see `change`. A transient longer than the run looks like
-    sustained chaos: `settled_label` of the attractor examines more states.
+    averages over parts of the motion, plus the effect of rounding of the states of a map. Where
+    rounding makes chaos repeat itself, only different states count. The errors are valid when the
+    motion is `resolved`, for its attractor. Where the run changes its regime, for example when
+    transient chaos ends, the errors cover the exponents before and after; see `change`. A transient
+    longer than the run looks like sustained chaos: `settled_label` of the attractor examines more
+    states.
 
     An exponent is minus infinity, with the error zero, where the length of a direction has become
     exactly zero: disturbances along it are forgotten in finite time. In an impact oscillator a
@@ -94,10 +97,10 @@ class LyapunovSpectrum(Saved):
     True
     """
 
-    _stored: ClassVar = ("_name", "_is_flow", "_iterations", "_run")
+    _stored: ClassVar = ("_name", "_is_flow", "_length", "_run")
     _name: str
     _is_flow: bool
-    _iterations: int
+    _length: int
 
     def __init__(self, attractor: Attractor, iterations: int = 10_000) -> None:
         source = attractor_of(attractor)
@@ -159,15 +162,11 @@ class LyapunovSpectrum(Saved):
         made._take(flow, partial(flow.stretching, state, duration), iterations)
         return made
 
-    @property
-    def _length(self) -> int:
-        """Number of iterates in each row of the run."""
-        return self._iterations // len(self._run[0])
-
     def _take(
         self, system: SmoothMap | Flow, stretching: Callable[[int], Stretching], iterations: int
     ) -> None:
         self._name, self._is_flow = type(system).__name__, isinstance(system, Flow)
+        self._system, self._length = system, 1
         self._stretching = stretching
         self._iterations = positive_integer("iterations", iterations)
         if self._iterations < LEAST:
@@ -185,7 +184,13 @@ class LyapunovSpectrum(Saved):
             found = self._stretching(total)
         logs, errors = found.logs[-self._iterations :], found.errors[-self._iterations :]
         times = None if found.times is None else found.times[-self._iterations :]
-        if self._is_flow and times is not None:
+        if isinstance(self._system, SmoothMap):
+            count = distinct_iterates(self._system, found.state, logs)
+            logs, errors = logs[:count], errors[:count]
+            times = None if times is None else times[:count]
+            if logs[:, 0].sum() <= 0.0 and _averages_of(logs, None).regular:
+                errors = errors + rounding_of(self._system, found, self._iterations // _SETTLING)
+        elif times is not None:
             logs, errors = logs / times[:, None], errors / times[:, None]
         cost = Cost(time.perf_counter() - began, {"iterates": total})
         return logs, errors, times, cost
@@ -194,8 +199,7 @@ class LyapunovSpectrum(Saved):
     def _averages(self) -> tuple[TimeAverages, NDArray[np.intp]]:
         """Averages of the finite logarithms, and last of the times; and the descending order."""
         logs, _, times, _ = self._run
-        last = np.ones(len(logs)) if times is None else times
-        averages = TimeAverages(np.column_stack([logs[:, np.isfinite(logs).all(axis=0)], last]))
+        averages = _averages_of(logs, times)
         values, _ = averages.estimate(lambda mean: mean[:-1])
         return averages, np.argsort(-values, kind="stable")
 
@@ -401,3 +405,10 @@ class LyapunovSpectrum(Saved):
         axes.set_xscale("log")
         axes.set(xlabel="iterates $n$", ylabel=r"Lyapunov exponents $\lambda_i$")
         return axes
+
+
+def _averages_of(logs: Array, times: Array | None) -> TimeAverages:
+    """Averages of the finite logarithms (n, k), and last of the times (n,), or of ones."""
+    last = np.ones(len(logs)) if times is None else times
+    finite = logs[:, np.isfinite(logs).all(axis=0)]
+    return TimeAverages(np.column_stack([finite, last]), growths=finite.shape[1])

@@ -150,9 +150,9 @@ class POD(Saved):
         """Bound, to leading order, of the error of any power as an average over this motion.
 
         It includes rounding, the remainders of chatters, and, with times, the error of the
-        trapezoidal rule. This is estimated by omission of every second sample at even times, and
-        from second differences at uneven times; with fewer than some ten samples in the shortest
-        period either may be too small. For the difference to another part of the same motion see
+        trapezoidal rule, from second differences of the samples. With fewer than some ten samples
+        in the shortest period this may be too small; with two samples it is infinite. For the
+        difference to another part of the same motion see
         `standard_errors`.
         """
         averages, entry = self._averages, self._averages.error

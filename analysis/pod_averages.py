@@ -19,8 +19,8 @@ from dynkit.dynamics.attractor import Attractor
 BATCHES = 32
 """Number of batches of a motion that is long enough."""
 
-# Gaps of times are equal to this part; and so many scatters of errors over gaps are allowed for.
-_EVEN, _SCATTERS = 1e-6, 4.0
+# So many scatters of errors over gaps are allowed for.
+_SCATTERS = 4.0
 
 
 @final
@@ -109,37 +109,26 @@ def _sums(
         batches = np.split(np.arange(len(samples)), edges[1:-1])
     products = np.array([(samples[b] * weights[b, None]).T @ samples[b] for b in batches])
     sums = np.array([weights[b] @ samples[b] for b in batches])
-    total = weights.sum()
     rounding = 2.0**-52 * max(map(len, batches))
     error = rounding * float((samples * samples).max())
     mean_error = rounding * float(abs(samples).max())
-    if times is not None and _are_even(times):
-        # the rule is of second order: the difference to twice the step is three times its error
-        coarse = _of_every_second(times)
-        with_half = (samples * coarse[:, None]).T @ samples / coarse.sum()
-        error += float(abs(with_half - products.sum(axis=0) / total).max()) / 3.0
-        half = coarse @ samples / coarse.sum()
-        mean_error += float(abs(half - sums.sum(axis=0) / total).max()) / 3.0
-    elif times is not None:
-        error += max(_uneven_error(column[:, None] * samples, times) for column in samples.T)
-        mean_error += _uneven_error(samples, times)
+    if times is not None:
+        error += max(_trapezoidal_error(column[:, None] * samples, times) for column in samples.T)
+        mean_error += _trapezoidal_error(samples, times)
     durations = np.array([weights[b].sum() for b in batches])
     cost = Cost(time.perf_counter() - began, {"samples": len(samples)})
     return Averages(products, sums, durations, error, mean_error, cost)
 
 
-def _are_even(times: Array) -> bool:
-    """Whether all gaps of times (k,) are equal, but for rounding of the times."""
-    gaps = np.diff(times)
-    return bool(np.ptp(gaps) <= _EVEN * gaps.mean())
-
-
-def _uneven_error(values: Array, times: Array) -> float:
+def _trapezoidal_error(values: Array, times: Array) -> float:
     """Return the largest error of averages of values (k, m) by the trapezoidal rule.
 
     The error over a gap h is h^3 / 12 times the second derivative, from the samples on either side.
-    Such errors may cancel in a sum, not so the differences of their two estimates.
+    Such errors may cancel in a sum, not so the differences of their two estimates. Two samples have
+    no second derivative: their error is infinite.
     """
+    if len(times) < 3:
+        return np.inf
     gaps = np.diff(times)[:, None]
     bends = np.diff(np.diff(values, axis=0) / gaps, axis=0) / (gaps[:-1] + gaps[1:])
     after = gaps**3 / 6.0 * np.concatenate([bends, bends[-1:]])
@@ -147,14 +136,6 @@ def _uneven_error(values: Array, times: Array) -> float:
     largest = np.maximum(abs(after.sum(axis=0)), abs(before.sum(axis=0)))
     scatter = np.sqrt(((after - before) ** 2).sum(axis=0))
     return float((largest + _SCATTERS * scatter).max()) / float(times[-1] - times[0])
-
-
-def _of_every_second(times: Array) -> Array:
-    """Return weights (k,) of the trapezoidal rule with every second sample."""
-    used = np.unique(np.append(np.arange(0, len(times), 2), len(times) - 1))
-    coarse = np.zeros(len(times))
-    coarse[used] = _halves(times[used])
-    return coarse
 
 
 def _halves(times: Array) -> Array:

@@ -64,7 +64,7 @@ class RegimeChange:
         return f"the motion {what} after about {self.at} of {self.states} states"
 
 
-def regime_change(series: Array) -> RegimeChange | None:
+def regime_change(series: Array, *, growths: int = 0) -> RegimeChange | None:
     """Return the change of regime of a run; None where no change is detected.
 
     A run becomes periodic where a column recurs to 1e-6 at its end, for at least three periods and
@@ -85,6 +85,10 @@ def regime_change(series: Array) -> RegimeChange | None:
     series : (n, k) array
         Observables of the run, such as logarithms of stretching, in the order of time; columns with
         values that are not finite are left out.
+    growths : int
+        Number of first columns that are logarithms of stretching. Where one of them is periodic
+        with a positive mean, disturbances grow: the motion passes an unstable periodic orbit, such
+        as in a laminar phase, and has not become periodic.
 
     References
     ----------
@@ -100,16 +104,17 @@ def regime_change(series: Array) -> RegimeChange | None:
     >>> regime_change(noise[:, None]) is None
     True
     """
-    columns = series[:, np.isfinite(series).all(axis=0)]
-    if len(series) < 2 * _LEAST or not columns.shape[1]:
+    used = np.asarray(np.isfinite(series).all(axis=0))
+    if len(series) < 2 * _LEAST or not used.any():
         return None
-    columns = columns[:, np.ptp(columns, axis=0) > _TOLERANCE * abs(columns).max(axis=0)]
-    begins = [_periodic_from(column) for column in columns.T]
+    used[used] = np.ptp(series[:, used], axis=0) > _TOLERANCE * abs(series[:, used]).max(axis=0)
+    columns, grows = series[:, used], used[:growths].sum()
+    found = [_periodic_from(column) for column in columns.T]
+    begins = [at for at, _ in filter(None, found)]
     if 0 in begins:  # the motion is periodic throughout
         return None
-    found = [at for at in begins if at is not None]
-    if found:
-        return RegimeChange(min(found), len(series), periodic=True)
+    if begins and not any(growth > 0.0 for _, growth in filter(None, found[:grows])):
+        return RegimeChange(min(begins), len(series), periodic=True)
     if len(series) < 2 * _SHORTEST or not columns.shape[1]:
         return None
     edges = np.arange(_PARTS) * len(series) // _PARTS
@@ -129,8 +134,11 @@ def regime_change(series: Array) -> RegimeChange | None:
     return RegimeChange(int(edges[places[worst]]), len(series), periodic=False)
 
 
-def _periodic_from(column: Array) -> int | None:
-    """Return the index from which a column (n,) is periodic to its end; None if it is not."""
+def _periodic_from(column: Array) -> tuple[int, float] | None:
+    """Return the index from which a column (n,) is periodic to its end; None if it is not.
+
+    The second number is the mean of the last period, less the tolerance.
+    """
     near = _TOLERANCE * float(abs(column).max())
     longest = len(column) // _REPETITIONS
     for period in (np.flatnonzero(abs(column[-2::-1][:longest] - column[-1]) <= near) + 1).tolist():
@@ -139,9 +147,10 @@ def _periodic_from(column: Array) -> int | None:
             return None
         tail = column[-least:]
         if (abs(tail[period:] - tail[:-period]) <= near).all():
+            growth = float(column[-period:].mean()) - near
             near *= _NEAR / _TOLERANCE
             apart = np.flatnonzero(abs(column[period:] - column[:-period]) > near)
-            return int(apart[-1]) + 1 if len(apart) else 0
+            return (int(apart[-1]) + 1 if len(apart) else 0), growth
     return None
 
 

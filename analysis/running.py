@@ -309,8 +309,8 @@ class RunningExponents(Running):
         d = means.shape[1] // 2
         times = None if np.isnan(means[:, -1]).any() else means[:, -1]
         run = means[:, :d], means[:, d : 2 * d], times, self.cost
-        count = len(means) * self._logs.length
-        return LyapunovSpectrum._of(_name=self._name, _is_flow=False, _iterations=count, _run=run)
+        length = self._logs.length
+        return LyapunovSpectrum._of(_name=self._name, _is_flow=False, _length=length, _run=run)
 
 
 @final

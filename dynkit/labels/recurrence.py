@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dynkit.core.kept import kept
+from dynkit.core.no_motion import Diverged
 from dynkit.core.smooth_map import proper_divisors
 from dynkit.core.validation import Array
 
@@ -48,6 +49,11 @@ class Recurrences:
         Their times, in periods of the forcing.
     difference : callable
         Function (a, b) that returns a - b for states (..., d).
+
+    Raises
+    ------
+    Diverged
+        When the square of a distance would not be finite.
     """
 
     def __init__(
@@ -58,6 +64,10 @@ class Recurrences:
         self.difference = difference
         self.count = len(states)
         largest = float(np.sqrt(np.einsum("ij,ij->i", states, states).max(initial=0.0)))
+        if largest == np.inf:
+            raise Diverged(
+                "the motion runs away: states exceed 1e154, the root of the largest number"
+            )
         self.scale = largest if largest > 0.0 else 1.0
 
     def distances(self, later: slice | _Indices, earlier: slice | _Indices) -> Array:

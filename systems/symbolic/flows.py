@@ -109,6 +109,11 @@ class SymbolicFlow(CodedFamily, Flow):
             cls.velocity = _of_states_too(cls.velocity)
         if not isinstance(cls.integrals, tuple):
             raise TypeError(f"integrals must be a tuple of names of methods; got {cls.integrals!r}")
+        if isinstance(angles := vars(cls).get("angles"), tuple | list):
+            raise TypeError(
+                "angles must be given to the section or the ResetMap of a flow, as indices of its "
+                f"coordinates; got {angles!r} in the class {cls.__name__}"
+            )
         take_states(cls, cls.integrals, scalar=True)
 
     @property

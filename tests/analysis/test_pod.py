@@ -218,6 +218,37 @@ def test_error_with_uneven_times_covers_the_distance_to_the_closed_form(
         assert found.power == pytest.approx([2.0, 0.5], rel=0.0, abs=found.error)
 
 
+def mean_square(sizes: Array, rates: Array, phases: Array, end: float) -> float:
+    """Average of (sum of sizes * cos(rates * t + phases))^2 from 0 to the end."""
+    total = 0.0
+    for sign in (1.0, -1.0):
+        rate = rates[:, None] + sign * rates
+        phase = phases[:, None] + sign * phases
+        # sin(a + b) - sin(b) = 2 cos(a / 2 + b) sin(a / 2), and np.sinc(x) is sin(pi x) / (pi x)
+        part = np.cos(0.5 * rate * end + phase) * np.sinc(0.5 * rate * end / np.pi)
+        total += float((0.5 * np.outer(sizes, sizes) * part).sum())
+    return total
+
+
+def test_error_with_even_times_is_never_exceeded_from_ten_samples_in_the_shortest_period() -> None:
+    random = np.random.default_rng(0)
+    exceeded = 0
+    for _ in range(2000):
+        waves = int(random.integers(1, 4))
+        rates = random.uniform(0.5, 1.0, waves) * np.arange(1, waves + 1)
+        sizes, phases = random.normal(size=waves), random.uniform(0.0, 2.0 * np.pi, waves)
+        end = 10.0 ** random.uniform(0.3, 1.7)
+        samples = random.uniform(10.0, 60.0) * end * rates.max() / (2.0 * np.pi)
+        times = np.linspace(0.0, end, max(int(samples), 10) + 2)
+        found = POD(np.cos(np.outer(times, rates) + phases) @ sizes[:, None], times)
+        exceeded += abs(found.power[0] - mean_square(sizes, rates, phases, end)) > found.error
+    assert exceeded == 0
+
+
+def test_two_samples_with_times_have_no_error_estimate() -> None:
+    assert POD([[1.0], [2.0]], [0.0, 1.0]).error == np.inf
+
+
 def test_times_weigh_samples_by_the_trapezoidal_rule() -> None:
     x, times = np.array([[1.0], [2.0], [4.0]]), np.array([0.0, 1.0, 3.0])
     # squares 1, 4, 16 with the weights 1/2, 3/2, 1, of sum 3

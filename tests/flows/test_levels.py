@@ -450,6 +450,18 @@ def test_integrals_that_are_no_names_are_refused() -> None:
                 return rate, -angle
 
 
+def test_angles_named_in_the_class_of_a_flow_are_refused() -> None:
+    with pytest.raises(
+        TypeError, match=r"angles must be given to the section .*; got \('angle',\)"
+    ):
+
+        class Turning(SymbolicFlow):
+            angles = ("angle",)
+
+            def velocity(self, angle: Any, rate: Any) -> tuple[Any, ...]:
+                return rate, -angle
+
+
 def test_resonances_and_folds_are_kinds() -> None:
     assert BifurcationKind.RS == "RS"
     assert all(each.criticality is None for each in branch_a().bifurcations)

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from dynkit.core.no_motion import Diverged
 from dynkit.core.validation import Array
 from dynkit.labels.label import OrbitKind, OrbitLabel
 from dynkit.labels.labelling import Window, label_orbit
@@ -286,3 +287,9 @@ def test_no_decay_ends_farther_away_than_the_steepest(count: int) -> None:
     steps = np.where(np.arange(count) < count // 2, 1e4, 1.01e-13)
     steps[-1] = 1.01e-13
     assert _Decay.of(steps).rest * _STEEPEST > steps[-1]
+
+
+def test_states_whose_squares_overflow_run_away() -> None:
+    orbit = Synthetic(lambda n: 1e160 * np.exp2(n % 3)[:, None])
+    with pytest.raises(Diverged, match="the motion runs away: states exceed 1e154"):
+        label_orbit(orbit, kept=100)
