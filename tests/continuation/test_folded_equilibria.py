@@ -60,7 +60,6 @@ def test_a_branch_ends_at_a_bound_before_the_fold_beyond_it(
 ) -> None:
     x = 2.0 + np.sqrt(p)
     start = equilibrium(Folded(p=p), [x, x**2])
-    steps = {"step": step, "largest_step": 4.0 * step}
-    branch = continue_orbit(start, "p", bounds=(bound, 1.0), **steps)
+    branch = continue_orbit(start, "p", bounds=(bound, 1.0), step=step, largest_step=4.0 * step)
     assert branch.bifurcations == ()
     assert np.sort(branch.unknowns[[0, -1], 0]) == pytest.approx([2.0 + bound**0.5, 3.0], abs=1e-9)

@@ -68,16 +68,16 @@ def found_on(branch: Branch, kind: str, exact: list[float]) -> None:
 @pytest.mark.parametrize("c", [0.1, -0.1])
 @pytest.mark.parametrize("step", [0.002, 0.01, 0.05])
 def test_double_multipliers_of_a_ring_are_found(c: float, step: float) -> None:
-    steps = {"step": step, "largest_step": 5.0 * step}
+    most = 5.0 * step
     doubling = periodic_orbit(DoublingRing(c=c), [0.6] * 3)
-    branch = continue_orbit(doubling, "p", bounds=(1.5, 6.0), **steps)
+    branch = continue_orbit(doubling, "p", bounds=(1.5, 6.0), step=step, largest_step=most)
     found_on(branch, "PD", [3.0, 2.0 + 1.0 / (1.0 - 3.0 * c)])
     at = {found.value: found for found in branch.bifurcations}
     (double,) = (at[value] for value in at if abs(value - 3.0) > 0.1)
     assert double.criticality is None  # its normal form has two coordinates
     assert str(double.switch()[0].label) == "P(2)"
     crossing = periodic_orbit(PitchforkRing(c=c), [0.0] * 3)
-    branch = continue_orbit(crossing, "p", bounds=(0.3, 2.0), **steps)
+    branch = continue_orbit(crossing, "p", bounds=(0.3, 2.0), step=step, largest_step=most)
     found_on(branch, "BP", [1.0, 1.0 / (1.0 - 3.0 * c)])
 
 
@@ -128,6 +128,5 @@ def test_two_that_pass_within_a_step_are_found_in_either_direction(
     system: SymbolicMap, kind: str, step: float, rate: float, apart: float
 ) -> None:
     start = periodic_orbit(system.replace(apart=apart, rate=rate), [0.0] * system.dimension)
-    bounds = {"bounds": (0.4, 1.7)}
-    branch = continue_orbit(start, "p", step=step, largest_step=4.0 * step, **bounds)
+    branch = continue_orbit(start, "p", bounds=(0.4, 1.7), step=step, largest_step=4.0 * step)
     found_on(branch, kind, [1.0, 1.0 + apart])
