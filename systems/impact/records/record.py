@@ -447,15 +447,16 @@ class ImpactRecord(Result):
         >>> record.observable("floor.impulse")[:2].round(12)  # it hits at 1.5, leaves at 0.75
         array([4.5 , 2.25])
         """
-        if times is None and str(name) in OF_IMPACTS and not self.system._strobed:
-            return np.asarray(getattr(self, name))
         from dynkit.systems.impact.records.observables import along_at, along_impacts
 
         if times is not None:
             return along_at(self.system, self._run, name, self._within(times))
-        if "." in one_of("name", name, self.system.observables):
-            return along_impacts(self.system, self._run, name)
-        return self.states[:, self.system.observables.index(name)]
+        known = one_of("name", name, self.system.observables)
+        if "." in known:
+            return along_impacts(self.system, self._run, known)
+        if self.system._strobed:
+            return self.states[:, self.system.observables.index(known)]
+        return np.asarray(getattr(self, known), dtype=np.float64)
 
     def _within(self, times: object) -> Array:
         """Times (k,) within what was simulated."""
