@@ -25,7 +25,7 @@ from dynkit.core.validation import (
 )
 from dynkit.data.dataset import Dataset, described, known_error
 from dynkit.data.result import Result
-from dynkit.systems.impact.modes.bases import row_by_row
+from dynkit.systems.impact.modes.bases import energy_of
 from dynkit.systems.impact.modes.steady_response import DISTURBANCE
 from dynkit.systems.impact.simulation.runs import MOST_CELLS, course_from
 from dynkit.systems.impact.simulation.sampling import (
@@ -228,9 +228,7 @@ class ImpactRecord(Result):
         """Kinetic plus elastic energy (n,) of the structure just after the impacts."""
         system, energy, size = self.system, np.empty(len(self)), batch_size(self.system)
         if system._sliders:
-            x, v = self.position, self.velocity
-            momentum, force = row_by_row(v, system.mass), row_by_row(x, system.stiffness)
-            return np.asarray(0.5 * (momentum * v + force * x).sum(axis=-1))
+            return energy_of(self.position, self.velocity, system.mass, system.stiffness)
         for low in range(0, len(self), size):
             now = slice(low, low + size)
             q, sine, cosine = (part[now] for part in self._run.coordinates)
