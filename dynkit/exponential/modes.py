@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from decimal import Decimal, localcontext
 from functools import cached_property
 from itertools import pairwise
@@ -107,14 +107,10 @@ class Pairs:
 
     def linked(self, links: Any, coupling: Array) -> Pairs:
         """Return the pairs with additional links, (2, L) and (4, L)."""
-        return Pairs(
-            self.generator,
-            self.generator_low,
-            self.scale,
-            np.concatenate([self.links, np.asarray(links, dtype=np.intp)], axis=1),
-            np.concatenate([self.coupling, coupling], axis=1),
-            self.cluster,
-            self.growth,
+        return replace(
+            self,
+            links=np.concatenate([self.links, np.asarray(links, dtype=np.intp)], axis=1),
+            coupling=np.concatenate([self.coupling, coupling], axis=1),
         )
 
     def placed(self, slots: NDArray[np.intp], count: int) -> Pairs:

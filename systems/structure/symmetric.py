@@ -1,7 +1,7 @@
 """Sparse symmetric matrices whose elements are double-double numbers, and their products."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from fractions import Fraction
 from functools import cached_property
 from itertools import product as pairs
@@ -119,13 +119,8 @@ class SymmetricMatrix:
 
     def scaled(self, exponent: int) -> "SymmetricMatrix":
         """The matrix times a power of two."""
-        return SymmetricMatrix(
-            self.size,
-            self.rows,
-            self.columns,
-            np.ldexp(self.high, exponent),
-            np.ldexp(self.low, exponent),
-        )
+        high, low = np.ldexp(self.high, exponent), np.ldexp(self.low, exponent)
+        return replace(self, high=high, low=low)
 
     def without(self, places: NDArray[np.intp], ties: Array | None = None) -> "SymmetricMatrix":
         """The matrix of a form of which some coordinates (h,) are zero, or follow the m others.

@@ -241,6 +241,17 @@ def test_sweeps_and_diagrams_take_observables_of_elements() -> None:
     assert attractor.observable("table.impulse") == pytest.approx(u * (1 + 1 / 0.85), rel=1e-12)
 
 
+def test_the_number_of_the_stop_of_each_impact_is_an_observable() -> None:
+    stops = [HardStop(2, amplitude=0.2, restitution=0.6), HardStop(0)]
+    system = ImpactChain(masses=3, frequency=0.8, elements=stops)
+    record = system.simulate(impacts=40)
+    assert len(set(record.element.tolist())) == 2
+    assert record.observable("element").tolist() == record.element.tolist()
+    given: Any = {"transient": 0, "keep": 40, "observables": ["element"], "progress": False}
+    kept = dynkit.sweep(system, "frequency", [0.8], **given)
+    assert kept.observable("element")[0].tolist() == record.element.tolist()
+
+
 def test_bad_names_and_times_are_refused() -> None:
     record = ImpactChain(masses=2, frequency=0.9).simulate(impacts=5)
     with pytest.raises(ValueError, match=r"name must be one of: .*table.impulse; got 'belt.gap'"):

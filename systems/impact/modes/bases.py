@@ -31,6 +31,12 @@ def row_by_row(rows: Array, matrix: Array) -> Array:
     return out.reshape(*rows.shape[:-1], len(matrix))
 
 
+def energy_of(x: Array, v: Array, mass: Array, stiffness: Array) -> Array:
+    """Kinetic plus elastic energy (...) at positions and velocities (..., n)."""
+    momentum, force = row_by_row(v, mass), row_by_row(x, stiffness)
+    return np.asarray(0.5 * (momentum * v + force * x).sum(axis=-1))
+
+
 class Basis(ABC):
     """Coordinates y (2, n) of a linear structure with n degrees of freedom.
 

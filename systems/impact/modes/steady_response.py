@@ -13,7 +13,7 @@ from dynkit.core.kept import copied
 from dynkit.core.validation import Array
 from dynkit.exponential.modes import Pairs
 from dynkit.exponential.propagators import Propagators, padded
-from dynkit.systems.impact.modes.bases import Basis, row_by_row
+from dynkit.systems.impact.modes.bases import Basis, energy_of, row_by_row
 from dynkit.systems.structure.double_double import column_sums, two_product
 
 RESONANT = 1e-3
@@ -281,8 +281,7 @@ class Forced:
         if self.basis is not None and not (self.turns or self.rest.any() or self.drift.any()):
             return self.basis.energies(q)
         x, v = self.positions(q, sine, cosine), self.velocities(q, sine, cosine)
-        momentum, force = row_by_row(v, mass), row_by_row(x, stiffness)
-        return np.asarray(0.5 * (momentum * v + force * x).sum(axis=-1))
+        return energy_of(x, v, mass, stiffness)
 
 
 def _steady(own: Array, low: Array, w: float, push: Array, lossy: NDArray[np.bool_]) -> Array:

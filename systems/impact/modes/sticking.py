@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from dynkit.core.validation import Array
 from dynkit.exponential.modes import Pairs
-from dynkit.systems.impact.modes.bases import Basis, row_by_row
+from dynkit.systems.impact.modes.bases import Basis, energy_of, row_by_row
 from dynkit.systems.structure.double_double import DoubleDouble, add, negative
 from dynkit.systems.structure.symmetric import product_with
 
@@ -105,9 +105,7 @@ class StuckModes(Basis):
         return np.concatenate([self._inner.pushes(force @ self._spread), none], axis=-1)
 
     def energies(self, y: Array) -> Array:
-        x, v = self.positions(y), self.velocities(y)
-        momentum, force = row_by_row(v, self._mass), row_by_row(x, self._stiffness)
-        return np.asarray(0.5 * (momentum * v + force * x).sum(axis=-1))
+        return energy_of(self.positions(y), self.velocities(y), self._mass, self._stiffness)
 
 
 def stuck(structure: Structure, rows: Array, still: NDArray[np.bool_]) -> Structure:

@@ -131,6 +131,13 @@ def _outcomes() -> tuple[int, int, int]:
     return int(known.success), int(known.step_limit), int(known.time_limit)
 
 
+def _propagate(made: Any, duration: float, z: Array) -> None:
+    """Advance an integrator by a duration, from coordinates that a refusal names."""
+    outcome, *_ = made.propagate_until(duration)
+    if int(outcome) != _outcomes()[2] or not np.isfinite(made.state).all():
+        raise Diverged(f"the motion runs away within {duration:.6g} from {z.tolist()}")
+
+
 def _alone(method: Callable[..., Any]) -> Callable[..., Any]:
     """A method of a chart while no other thread uses its integrators, which hold one motion."""
 
@@ -434,9 +441,7 @@ class Chart:
         made, m = self._begun(self._varied(None), sine, cosine), len(self.to_x) + self._size
         made.state[:m] = self.bare(z, sine, cosine)
         made.state[m:] = np.eye(m, m + 1).ravel()
-        outcome, *_ = made.propagate_until(duration)
-        if int(outcome) != _outcomes()[2] or not np.isfinite(made.state).all():
-            raise Diverged(f"the motion runs away within {duration:.6g} from {z.tolist()}")
+        _propagate(made, duration, z)
         return np.array(made.state[:m]), np.array(made.state[m:]).reshape(m, m + 1)
 
     def gradients(
@@ -466,7 +471,5 @@ class Chart:
         places = tuple(np.flatnonzero(change[: self._unguarded.size]).tolist())
         made = self._begun(self._varied(places), sine, cosine, 0.0, *change[list(places)])
         made.state[:m], made.state[m:] = self.bare(z, sine, cosine), 0.0
-        outcome, *_ = made.propagate_until(duration)
-        if int(outcome) != _outcomes()[2] or not np.isfinite(made.state).all():
-            raise Diverged(f"the motion runs away within {duration:.6g} from {z.tolist()}")
+        _propagate(made, duration, z)
         return np.array(made.state[m:])

@@ -24,7 +24,7 @@ from dynkit.core.validation import (
 )
 from dynkit.data.dataset import Dataset, described, known_error
 from dynkit.data.result import Result
-from dynkit.systems.impact.modes.bases import row_by_row
+from dynkit.systems.impact.modes.bases import energy_of
 from dynkit.systems.impact.modes.steady_response import DISTURBANCE
 from dynkit.systems.impact.simulation.runs import MOST_CELLS, course_from
 from dynkit.systems.impact.simulation.sampling import (
@@ -224,9 +224,7 @@ class ImpactRecord(Result):
         """Kinetic plus elastic energy (n,) of the structure just after the impacts."""
         system, energy, size = self.system, np.empty(len(self)), batch_size(self.system)
         if system._sliders:
-            x, v = self.position, self.velocity
-            momentum, force = row_by_row(v, system.mass), row_by_row(x, system.stiffness)
-            return np.asarray(0.5 * (momentum * v + force * x).sum(axis=-1))
+            return energy_of(self.position, self.velocity, system.mass, system.stiffness)
         for low in range(0, len(self), size):
             now = slice(low, low + size)
             q, sine, cosine = (part[now] for part in self._run.coordinates)
@@ -443,15 +441,16 @@ class ImpactRecord(Result):
         >>> record.observable("floor.impulse")[:2].round(12)  # it hits at 1.5, leaves at 0.75
         array([4.5 , 2.25])
         """
-        if times is None and str(name) in OF_IMPACTS and not self.system._strobed:
-            return np.asarray(getattr(self, name))
         from dynkit.systems.impact.records.observables import along_at, along_impacts
 
         if times is not None:
             return along_at(self.system, self._run, name, self._within(times))
-        if "." in one_of("name", name, self.system.observables):
-            return along_impacts(self.system, self._run, name)
-        return self.states[:, self.system.observables.index(name)]
+        known = one_of("name", name, self.system.observables)
+        if "." in known:
+            return along_impacts(self.system, self._run, known)
+        if self.system._strobed:
+            return self.states[:, self.system.observables.index(known)]
+        return np.asarray(getattr(self, known), dtype=np.float64)
 
     def _within(self, times: object) -> Array:
         """Times (k,) within what was simulated."""
