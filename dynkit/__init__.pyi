@@ -1,9 +1,8 @@
 # Public names and the modules that define them, for type checkers and for lazy_loader.
 from ._version import __version__ as __version__
-from .continuation.bifurcations import Bifurcation as Bifurcation
-from .continuation.branch import Branch as Branch
+from .continuation.bifurcations.bifurcation import Bifurcation as Bifurcation
+from .continuation.bifurcations.criticality import Criticality as Criticality
 from .continuation.continuing import continue_by as continue_by, continue_orbit as continue_orbit
-from .continuation.criticality import Criticality as Criticality
 from .continuation.curves import (
     BifurcationCurve as BifurcationCurve,
     continue_curve as continue_curve,
@@ -11,6 +10,7 @@ from .continuation.curves import (
 from .continuation.exploring import explore as explore
 from .continuation.method import ContinuationMethod as ContinuationMethod
 from .continuation.network import Network as Network
+from .continuation.results.branch import Branch as Branch
 from .core.cost import Cost as Cost
 from .core.no_motion import (
     CannotFollow as CannotFollow,

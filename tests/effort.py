@@ -11,7 +11,7 @@ from unittest.mock import patch
 
 from hypothesis import HealthCheck, settings
 
-from dynkit.systems.impact.modes import taylor_chart
+from dynkit.systems.impact.modes.taylor import chart as taylor_chart
 from dynkit.systems.symbolic import flows
 from dynkit.systems.symbolic.taylor import CODE
 

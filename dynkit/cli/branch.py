@@ -43,7 +43,7 @@ from dynkit.data.dataset import Dataset
 from dynkit.systems.impact.oscillators.oscillator import ImpactOscillator
 
 if TYPE_CHECKING:
-    from dynkit.continuation.branch import Branch
+    from dynkit.continuation.results.branch import Branch
     from dynkit.orbits.problem import PeriodicOrbit
     from dynkit.systems.impact.oscillators.chain import ImpactChain
 

@@ -9,10 +9,10 @@ from typing import Any
 
 import dynkit.systems
 from dynkit.cli.options import ELEMENTS, LAWS
-from dynkit.continuation.branch import Branch
 from dynkit.continuation.curves import BifurcationCurve
 from dynkit.continuation.network import Network
-from dynkit.continuation.solution_curve import SolutionCurve
+from dynkit.continuation.results.branch import Branch
+from dynkit.continuation.results.solution_curve import SolutionCurve
 from dynkit.core.no_motion import NoMotion
 from dynkit.data import store
 from dynkit.dynamics.equilibrium import equilibrium

@@ -10,18 +10,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dynkit.continuation.arclength import Continuation
-from dynkit.continuation.bifurcations import Bifurcation, borders_a_motion
-from dynkit.continuation.branch import Branch
-from dynkit.continuation.checks import checked_bounds, checked_method, problem_of
-from dynkit.continuation.crossings import Located
-from dynkit.continuation.initial_tangents import start_points
-from dynkit.continuation.method import ContinuationMethod
-from dynkit.continuation.orbit_equations import OrbitEquations
-from dynkit.continuation.points import Point, cost_of
-from dynkit.continuation.step_acceptance import Acceptance
-from dynkit.continuation.termination import Bound
-from dynkit.continuation.test_functions import examine
-from dynkit.continuation.tracing import (
+from dynkit.continuation.bifurcations.bifurcation import Bifurcation, borders_a_motion
+from dynkit.continuation.bifurcations.step_acceptance import Acceptance
+from dynkit.continuation.bifurcations.tracing import (
     Trace,
     both_ways,
     is_of_event,
@@ -29,6 +20,15 @@ from dynkit.continuation.tracing import (
     joined,
     trace,
 )
+from dynkit.continuation.checks import checked_bounds, checked_method, problem_of
+from dynkit.continuation.crossings import Located
+from dynkit.continuation.initial_tangents import start_points
+from dynkit.continuation.method import ContinuationMethod
+from dynkit.continuation.orbit_equations import OrbitEquations
+from dynkit.continuation.points import Point, cost_of
+from dynkit.continuation.results.branch import Branch
+from dynkit.continuation.termination import Bound
+from dynkit.continuation.test_functions import examine
 from dynkit.core.cost import Cost
 from dynkit.core.validation import Array, boolean, in_interval
 from dynkit.orbits.equations import Problem

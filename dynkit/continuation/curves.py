@@ -11,16 +11,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dynkit.continuation.arclength import Continuation
-from dynkit.continuation.bifurcations import Bifurcation
+from dynkit.continuation.bifurcations.bifurcation import Bifurcation
+from dynkit.continuation.bifurcations.kinds import condition_of
+from dynkit.continuation.bifurcations.tracing import Trace, both_ways, joined
 from dynkit.continuation.checks import checked_bounds, checked_method, problem_of
 from dynkit.continuation.defining_systems import BifurcationEquations, CriticalMultiplier, merges
 from dynkit.continuation.initial_tangents import start_points
-from dynkit.continuation.kinds import condition_of
 from dynkit.continuation.orbit_equations import distance_from_curve
 from dynkit.continuation.points import Point, cost_of
-from dynkit.continuation.solution_curve import SolutionCurve
+from dynkit.continuation.results.solution_curve import SolutionCurve
 from dynkit.continuation.termination import Bound, Ending, Reason
-from dynkit.continuation.tracing import Trace, both_ways, joined
 from dynkit.core.cost import Cost
 from dynkit.core.reprs import Facts
 from dynkit.core.validation import Array, in_interval, regular_array
@@ -155,12 +155,12 @@ class BifurcationCurve(Viewed, SolutionCurve):
 
     def plot(self, ax: Axes | None = None) -> Axes:
         """Draw the curve in the plane of its parameters, with the line style of its kind."""
-        from dynkit.continuation.drawing import draw_curve
+        from dynkit.continuation.results.drawing import draw_curve
 
         return draw_curve(self.kind, self._free, ax)
 
     def _page(self, motions: int) -> Page:
-        from dynkit.continuation.viewing import page_of_curve
+        from dynkit.continuation.results.viewing import page_of_curve
 
         return page_of_curve(self, motions)
 

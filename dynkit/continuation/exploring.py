@@ -11,14 +11,14 @@ from dataclasses import dataclass, field
 from functools import partial
 from typing import Any, final
 
-from dynkit.continuation.bifurcations import Bifurcation, borders_a_motion
-from dynkit.continuation.branch import Branch
+from dynkit.continuation.bifurcations.bifurcation import Bifurcation, borders_a_motion
+from dynkit.continuation.bifurcations.kinds import KINDS, Noticed
 from dynkit.continuation.checks import checked_bounds
 from dynkit.continuation.continuing import continue_orbit
 from dynkit.continuation.initial_orbits import Describe, Search, searches_of, seeds_of
-from dynkit.continuation.kinds import KINDS, Noticed
-from dynkit.continuation.membership import Trail
 from dynkit.continuation.network import Finish, Link, Network, Unexplored
+from dynkit.continuation.results.branch import Branch
+from dynkit.continuation.results.membership import Trail
 from dynkit.core.cost import Cost
 from dynkit.core.no_motion import NoMotion
 from dynkit.core.validation import positive_integer

@@ -12,10 +12,10 @@ from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple, final
 
 import numpy as np
 
-from dynkit.continuation.bifurcations import Bifurcation, shown
-from dynkit.continuation.branch import Branch, of_bifurcations
-from dynkit.continuation.membership import Trail
-from dynkit.continuation.solution_curve import ERROR
+from dynkit.continuation.bifurcations.bifurcation import Bifurcation, shown
+from dynkit.continuation.results.branch import Branch, of_bifurcations
+from dynkit.continuation.results.membership import Trail
+from dynkit.continuation.results.solution_curve import ERROR
 from dynkit.core.cost import Cost
 from dynkit.core.reprs import Facts, span, table
 from dynkit.core.validation import Array, finite_scalar
@@ -186,7 +186,7 @@ class Network(Viewed, Saved):
         ValueError
             When there are no branches or no such observable, or they were loaded without orbits.
         """
-        from dynkit.continuation.drawing import draw_branches
+        from dynkit.continuation.results.drawing import draw_branches
         from dynkit.plotting.figures import COLUMN_WIDTH
 
         if not self.branches:
@@ -201,7 +201,7 @@ class Network(Viewed, Saved):
         return "norm" if len({row[0] for row in rows}) > 1 else None
 
     def _page(self, motions: int) -> Page:
-        from dynkit.continuation.viewing import page_of
+        from dynkit.continuation.results.viewing import page_of
 
         if not self.branches:
             raise ValueError("network must have a branch to be shown; got none")

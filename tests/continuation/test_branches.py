@@ -8,12 +8,12 @@ import numpy as np
 import pytest
 
 from dynkit.continuation.arclength import Continuation
-from dynkit.continuation.branch import Branch
 from dynkit.continuation.continuing import continue_orbit
 from dynkit.continuation.initial_tangents import start_points
 from dynkit.continuation.method import ContinuationMethod
 from dynkit.continuation.orbit_equations import OrbitEquations
 from dynkit.continuation.points import Point
+from dynkit.continuation.results.branch import Branch
 from dynkit.continuation.termination import Bound, Ending, Reason
 from dynkit.systems import Logistic
 from tests.continuation.families import BEHIND, Cycle, Flat, VeiledOrbit

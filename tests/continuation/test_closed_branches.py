@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from dynkit import Map, continue_orbit, explore, periodic_orbit
-from dynkit.continuation.membership import Trail
+from dynkit.continuation.results.membership import Trail
 from dynkit.continuation.termination import Reason
 from dynkit.core.validation import Array, finite_array
 from dynkit.systems import ImpactChain

@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 from dynkit import Map, continue_orbit, equilibrium, periodic_orbit
-from dynkit.continuation.bifurcations import Bifurcation
-from dynkit.continuation.branch import Branch
+from dynkit.continuation.bifurcations.bifurcation import Bifurcation
+from dynkit.continuation.results.branch import Branch
 from dynkit.core.validation import Array, finite_array
 from dynkit.systems import Henon, ImpactChain, Logistic, Lorenz
 from tests.continuation.doublings import growth_of_born

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from dynkit.continuation.bifurcations import Bifurcation
+from dynkit.continuation.bifurcations.bifurcation import Bifurcation
 from dynkit.continuation.continuing import continue_orbit
 from dynkit.continuation.curves import continue_curve
 from dynkit.orbits.problem import PeriodicOrbit

@@ -10,11 +10,11 @@ from matplotlib import pyplot as plt
 from matplotlib.colors import to_rgb
 from matplotlib.figure import Figure
 
-from dynkit.continuation.branch import Branch
+from dynkit.continuation.bifurcations.kinds import KINDS
 from dynkit.continuation.continuing import continue_orbit
 from dynkit.continuation.curves import continue_curve
-from dynkit.continuation.drawing import LINES
-from dynkit.continuation.kinds import KINDS
+from dynkit.continuation.results.branch import Branch
+from dynkit.continuation.results.drawing import LINES
 from tests.continuation.starts import flat, henon
 from tests.pictures import overprinted
 

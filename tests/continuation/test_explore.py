@@ -12,10 +12,10 @@ from mpmath import mp, mpf
 
 from dynkit import Network, explore, periodic_orbit
 from dynkit.continuation import exploring
-from dynkit.continuation.branch import Branch
 from dynkit.continuation.continuing import continue_orbit
-from dynkit.continuation.membership import Trail
 from dynkit.continuation.network import Finish
+from dynkit.continuation.results.branch import Branch
+from dynkit.continuation.results.membership import Trail
 from dynkit.systems import Henon, ImpactChain, Logistic
 from dynkit.systems.impact.orbits.orbit import ImpactOrbit
 from tests.impact.one_mass import DIGITS, flight_matrix

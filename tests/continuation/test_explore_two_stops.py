@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 
 from dynkit import Network, explore
-from dynkit.continuation.branch import Branch
-from dynkit.continuation.membership import Trail
 from dynkit.continuation.network import Finish
+from dynkit.continuation.results.branch import Branch
+from dynkit.continuation.results.membership import Trail
 from dynkit.systems import PlayOscillator
 from dynkit.systems.impact.orbits.itineraries.equations import ItineraryEquations
 

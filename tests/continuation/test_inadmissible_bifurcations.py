@@ -9,7 +9,7 @@ import pytest
 from matplotlib.figure import Figure
 
 from dynkit import Branch, continue_orbit
-from dynkit.continuation.bifurcations import borders_a_motion
+from dynkit.continuation.bifurcations.bifurcation import borders_a_motion
 from dynkit.continuation.network import Finish, Network
 from dynkit.core.cost import Cost
 from dynkit.systems import ImpactChain

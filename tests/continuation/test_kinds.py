@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from dynkit.continuation.bifurcations.kinds import KINDS, Kind, Noticed
 from dynkit.continuation.continuing import continue_orbit
-from dynkit.continuation.kinds import KINDS, Kind, Noticed
 from dynkit.orbits.kinds import BifurcationKind
 from dynkit.orbits.spectrum import Spectrum
 from tests.continuation.starts import logistic

@@ -9,10 +9,10 @@ from typing import Any
 import numpy as np
 import pytest
 
-from dynkit.continuation.bifurcations import Bifurcation
-from dynkit.continuation.branch import Branch
+from dynkit.continuation.bifurcations.bifurcation import Bifurcation
 from dynkit.continuation.continuing import continue_orbit
 from dynkit.continuation.defining_systems import null_vector
+from dynkit.continuation.results.branch import Branch
 from dynkit.systems import Logistic
 from tests.continuation.families import Cycle, Exchange, Flat, PoleOrbit, Rotation
 from tests.continuation.starts import delayed_logistic, flat, henon, iterated, logistic

@@ -7,8 +7,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from dynkit.continuation.branch import Branch
 from dynkit.continuation.continuing import continue_orbit
+from dynkit.continuation.results.branch import Branch
 from dynkit.systems import Henon
 from tests.continuation.families import Cycle
 from tests.continuation.starts import flat, henon, iterated, logistic

@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from dynkit.continuation.bifurcations import Bifurcation
-from dynkit.continuation.branch import Branch
+from dynkit.continuation.bifurcations.bifurcation import Bifurcation
 from dynkit.continuation.continuing import continue_orbit
+from dynkit.continuation.results.branch import Branch
 from dynkit.orbits.newton import NoConvergence
 from dynkit.orbits.periodic_orbit import periodic_orbit
 from tests.continuation.starts import delayed_logistic, flat, henon, logistic

@@ -26,7 +26,7 @@ from dynkit import (
     equilibrium,
     explore,
 )
-from dynkit.continuation.bifurcations import Bifurcation
+from dynkit.continuation.bifurcations.bifurcation import Bifurcation
 from dynkit.continuation.network import Link
 from dynkit.core.validation import Array, finite_array
 from dynkit.data.codec import decoded, encoded

@@ -15,8 +15,11 @@ from flint import arb, arb_mat, ctx, fmpq
 from hypothesis import given, settings, strategies as st
 
 from dynkit.core.validation import Array
-from dynkit.systems.impact.modes.block_schur import Blocks, real_blocks
-from dynkit.systems.impact.modes.invariant_subspaces import LARGEST_PROJECTOR, SMALL_PROJECTOR
+from dynkit.systems.impact.modes.schur_forms.block_schur import Blocks, real_blocks
+from dynkit.systems.impact.modes.schur_forms.invariant_subspaces import (
+    LARGEST_PROJECTOR,
+    SMALL_PROJECTOR,
+)
 from dynkit.systems.structure.modes import Derivation, Modes
 
 BITS = 500

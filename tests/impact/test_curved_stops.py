@@ -24,7 +24,7 @@ from dynkit.systems import (
     MatrixOscillator,
     SoftStop,
 )
-from dynkit.systems.impact.modes import taylor_chart
+from dynkit.systems.impact.modes.taylor import chart as taylor_chart
 from dynkit.testing import MapCheck, check_name, map_checks
 from dynkit.testing.maps import jacobian_is_the_derivative
 from tests.flows.cases import BITS

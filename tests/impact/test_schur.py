@@ -11,7 +11,7 @@ from hypothesis import given, strategies as st
 from mpmath import mp
 
 from dynkit.core.validation import Array
-from dynkit.systems.impact.modes.schur import SchurForm
+from dynkit.systems.impact.modes.schur_forms.schur import SchurForm
 from dynkit.systems.structure.double_double import DoubleDouble
 
 DOUBLE_DOUBLE = 2.0**-104

@@ -31,7 +31,7 @@ from dynkit.systems import (
     TodaChain,
     extensions,
 )
-from dynkit.systems.impact.modes import taylor_chart
+from dynkit.systems.impact.modes.taylor import chart as taylor_chart
 from dynkit.systems.symbolic import taylor
 from dynkit.testing import (
     AttractorCheck,

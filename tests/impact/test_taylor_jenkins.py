@@ -21,7 +21,7 @@ from dynkit.systems import (
     TodaChain,
     iwan,
 )
-from dynkit.systems.impact.modes import taylor_chart
+from dynkit.systems.impact.modes.taylor import chart as taylor_chart
 from dynkit.systems.impact.simulation.state import within
 from dynkit.testing.maps import jacobian_is_the_derivative
 from tests.flows.cases import BITS, followed_in_many_digits, taylor

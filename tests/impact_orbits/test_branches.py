@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from dynkit import continue_curve, continue_orbit
-from dynkit.continuation.branch import Branch
+from dynkit.continuation.results.branch import Branch
 from dynkit.systems import (
     ImpactChain,
     ImpactOscillator,

@@ -8,7 +8,7 @@ from scipy.linalg import expm
 
 from dynkit.core.differences import STEP
 from dynkit.systems.impact.orbits.exponentials import changed, gained, lifted
-from dynkit.systems.impact.orbits.itineraries.chatter_kernels import carry
+from dynkit.systems.impact.orbits.itineraries.several_modes.chatter_kernels import carry
 
 
 @pytest.mark.plain

@@ -15,8 +15,8 @@ from dynkit.systems import (
     ViscoelasticSpheres,
 )
 from dynkit.systems.impact.orbits.exponentials import run_through
-from dynkit.systems.impact.orbits.itineraries import linear
 from dynkit.systems.impact.orbits.itineraries.borders import Corner
+from dynkit.systems.impact.orbits.itineraries.several_modes import linear
 
 FIRST = HardStop(0, offset=-0.3, amplitude=0.1, phase=1.0, restitution=0.5, name="a")
 

@@ -10,7 +10,7 @@ import pytest
 from dynkit.core.differences import numerical_derivative
 from dynkit.core.validation import Array
 from dynkit.systems import DryFriction, HardStop, ImpactChain, MatrixOscillator, SoftStop
-from dynkit.systems.impact.orbits.itineraries import errors
+from dynkit.systems.impact.orbits.itineraries.several_modes import errors
 from tests.impact_orbits.test_itineraries import MACHINES, orbit_of
 from tests.reference.itineraries import section_error
 

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from dynkit import Branch, continue_curve, continue_orbit
+from dynkit.continuation.bifurcations.tracing import is_of_event
 from dynkit.continuation.crossings import Crossing, Located
-from dynkit.continuation.tracing import is_of_event
 from dynkit.orbits.kinds import BifurcationKind
 from dynkit.systems import DryFriction, HardStop, ImpactChain, Jenkins, MatrixOscillator, SoftStop
 from tests.reference.random_machines import random_machine

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from dynkit.systems.impact.orbits.itineraries.secular_kernels import simultaneous_roots
+from dynkit.systems.impact.orbits.itineraries.one_mode.secular_kernels import simultaneous_roots
 
 
 @pytest.mark.plain

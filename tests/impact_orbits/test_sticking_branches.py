@@ -15,12 +15,12 @@ from scipy.linalg import expm
 from scipy.optimize import brentq, minimize_scalar
 
 from dynkit import continue_orbit
-from dynkit.continuation.bifurcations import Bifurcation
-from dynkit.continuation.branch import Branch
+from dynkit.continuation.bifurcations.bifurcation import Bifurcation
+from dynkit.continuation.results.branch import Branch
 from dynkit.core.validation import Array
 from dynkit.orbits.solving import solve
 from dynkit.systems.impact.orbits.itineraries.borders import power_of
-from dynkit.systems.impact.orbits.itineraries.crossings import held_directions
+from dynkit.systems.impact.orbits.itineraries.several_modes.crossings import held_directions
 from dynkit.systems.impact.orbits.orbit import ImpactOrbit
 from dynkit.systems.impact.oscillators.chain import ImpactChain
 from dynkit.systems.impact.simulation.state import TWO_PI

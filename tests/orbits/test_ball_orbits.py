@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 from dynkit import Branch, continue_orbit
-from dynkit.continuation.bifurcations import Bifurcation
+from dynkit.continuation.bifurcations.bifurcation import Bifurcation
 from dynkit.continuation.termination import Reason
 from dynkit.core.validation import Array
 from dynkit.orbits.problem import PeriodicOrbit

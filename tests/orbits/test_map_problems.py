@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from dynkit import Hyperplane, Map, PoincareMap, Stroboscope, periodic_orbit
-from dynkit.continuation.kinds import condition_of
+from dynkit.continuation.bifurcations.kinds import condition_of
 from dynkit.core.validation import Array
 from dynkit.orbits.events import events_of, is_admissible
 from dynkit.orbits.kinds import BifurcationKind

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from dynkit.core.validation import Array
 from dynkit.exponential.modes import Pairs
-from dynkit.systems.impact.modes.block_schur import Blocks, real_blocks
+from dynkit.systems.impact.modes.schur_forms.block_schur import Blocks, real_blocks
 from dynkit.systems.structure.modes import Derivation, Modes
 
 

@@ -16,17 +16,25 @@ from dynkit.orbits.problem import PeriodicProblem
 from dynkit.systems.impact.elements.stops import HardStop
 from dynkit.systems.impact.modes.free_motion import free_motion
 from dynkit.systems.impact.orbits.borders import Border
-from dynkit.systems.impact.orbits.itineraries import divided, passage, responses
 from dynkit.systems.impact.orbits.itineraries.borders import Begun, beginnings
-from dynkit.systems.impact.orbits.itineraries.correcting import TableCorrector, corrector_of
 from dynkit.systems.impact.orbits.itineraries.happening import Happening, Itinerary
 from dynkit.systems.impact.orbits.itineraries.itinerary import Course, has_law
-from dynkit.systems.impact.orbits.itineraries.linear import LinearSolution
 from dynkit.systems.impact.orbits.itineraries.motion import ItinerarySolution, Lap
-from dynkit.systems.impact.orbits.itineraries.responses import ResponseSolution, Windows, windows_of
-from dynkit.systems.impact.orbits.itineraries.shooting import ShootingSolution
-from dynkit.systems.impact.orbits.itineraries.taylor import TaylorSolution
-from dynkit.systems.impact.orbits.itineraries.terms import Terms
+from dynkit.systems.impact.orbits.itineraries.one_mode import responses
+from dynkit.systems.impact.orbits.itineraries.one_mode.correcting import (
+    TableCorrector,
+    corrector_of,
+)
+from dynkit.systems.impact.orbits.itineraries.one_mode.responses import (
+    ResponseSolution,
+    Windows,
+    windows_of,
+)
+from dynkit.systems.impact.orbits.itineraries.one_mode.terms import Terms
+from dynkit.systems.impact.orbits.itineraries.several_modes import divided, passage
+from dynkit.systems.impact.orbits.itineraries.several_modes.linear import LinearSolution
+from dynkit.systems.impact.orbits.itineraries.several_modes.shooting import ShootingSolution
+from dynkit.systems.impact.orbits.itineraries.several_modes.taylor import TaylorSolution
 from dynkit.systems.impact.orbits.machine import Changes, Machine, Regimes, difference
 from dynkit.systems.impact.simulation.parameters import changes_alone
 from dynkit.systems.impact.simulation.state import TWO_PI

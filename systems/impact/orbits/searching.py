@@ -32,8 +32,8 @@ from dynkit.systems.impact.orbits.itineraries.guesses import (
 )
 from dynkit.systems.impact.orbits.itineraries.itinerary import events_seen, has_law, of_period
 from dynkit.systems.impact.orbits.itineraries.motions import FEW, MANY, simulated_motions
+from dynkit.systems.impact.orbits.itineraries.one_mode.terms import drives_of
 from dynkit.systems.impact.orbits.itineraries.simulated import simulated
-from dynkit.systems.impact.orbits.itineraries.terms import drives_of
 from dynkit.systems.impact.orbits.orbit import NONE, ImpactOrbit
 from dynkit.systems.impact.simulation.state import TWO_PI
 from dynkit.systems.impact.simulation.trajectory import Ending

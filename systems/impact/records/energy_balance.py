@@ -10,7 +10,7 @@ import numpy as np
 
 from dynkit.core.cost import Cost
 from dynkit.core.validation import Array
-from dynkit.systems.impact.modes.taylor_mode import TaylorMode
+from dynkit.systems.impact.modes.taylor.mode import TaylorMode
 from dynkit.systems.impact.records.event_counts import element_names
 from dynkit.systems.impact.records.observables import applied, forces_on, gap_of, jumps
 from dynkit.systems.impact.records.second_moments import (

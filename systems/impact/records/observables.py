@@ -10,7 +10,7 @@ import numpy as np
 from dynkit.core.validation import Array, one_of
 from dynkit.systems.impact.elements.element import Element, EventKind
 from dynkit.systems.impact.elements.stops import HardStop
-from dynkit.systems.impact.modes.taylor_mode import TaylorMode
+from dynkit.systems.impact.modes.taylor.mode import TaylorMode
 from dynkit.systems.impact.records.event_counts import element_names
 from dynkit.systems.impact.simulation.sampling import states_at
 from dynkit.systems.impact.simulation.trajectory import Ending

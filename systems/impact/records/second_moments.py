@@ -15,7 +15,7 @@ from dynkit.core.validation import Array
 from dynkit.systems.impact.elements.element import EventKind
 from dynkit.systems.impact.elements.laws import ImpactLaw, share
 from dynkit.systems.impact.modes.eigen_coordinates import EigenCoordinates
-from dynkit.systems.impact.modes.taylor_mode import TaylorMode
+from dynkit.systems.impact.modes.taylor.mode import TaylorMode
 from dynkit.systems.impact.simulation.runs import band_factor
 from dynkit.systems.impact.simulation.state import Motion
 from dynkit.systems.impact.simulation.trajectory import Trajectory, in_steps

@@ -423,8 +423,8 @@ class DrivenStructure(LagrangianStructure):
         return cast("Automaton", found)
 
     def _taylor_automaton(self) -> Any:
-        from dynkit.systems.impact.modes.taylor_scene import Scene
-        from dynkit.systems.impact.simulation.taylor_automaton import TaylorAutomaton
+        from dynkit.systems.impact.modes.taylor.scene import Scene
+        from dynkit.systems.impact.simulation.taylor.automaton import TaylorAutomaton
 
         given = self._motion, self._excitation, self._elements
         scene = Scene(*given, self._curves, self._normal)

@@ -27,7 +27,7 @@ from dynkit.systems.impact.simulation.trajectory import Ending, Impacts, Switche
 
 if TYPE_CHECKING:
     from dynkit.systems.impact.simulation.driven_structure import DrivenStructure
-    from dynkit.systems.impact.simulation.taylor_runs import TaylorCourse
+    from dynkit.systems.impact.simulation.taylor.runs import TaylorCourse
 
 MOST_CELLS = 1_000_000
 """Cells after which the search for the next event ends the run, with `Ending.SEARCH_LIMIT`.
@@ -111,7 +111,7 @@ def course_from(
 ) -> Course | TaylorCourse:
     """A simulation by the engine of this oscillator; see `Course`."""
     if oscillator._motion is not None:
-        from dynkit.systems.impact.simulation.taylor_runs import TaylorCourse
+        from dynkit.systems.impact.simulation.taylor.runs import TaylorCourse
 
         return TaylorCourse(oscillator, start, noise=noise, seed=seed)
     return Course(oscillator, start, noise=noise, seed=seed, most_cells=most_cells, longest=longest)

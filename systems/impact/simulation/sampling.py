@@ -11,7 +11,7 @@ from dynkit.core.validation import Array
 from dynkit.systems.impact.elements.element import EventKind
 from dynkit.systems.impact.elements.laws import ImpactLaw, Restitution, share
 from dynkit.systems.impact.modes.mode import Mode
-from dynkit.systems.impact.modes.taylor_mode import TaylorMode
+from dynkit.systems.impact.modes.taylor.mode import TaylorMode
 from dynkit.systems.impact.simulation.trajectory import Events, Trajectory
 
 if TYPE_CHECKING:

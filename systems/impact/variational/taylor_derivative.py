@@ -20,7 +20,7 @@ _LOW = 1e-7
 """Turns of the phase, in radians, below which rounding hides what a flight changes."""
 
 if TYPE_CHECKING:
-    from dynkit.systems.impact.modes.taylor_mode import TaylorMode
+    from dynkit.systems.impact.modes.taylor.mode import TaylorMode
     from dynkit.systems.impact.simulation.driven_structure import DrivenStructure
     from dynkit.systems.impact.simulation.trajectory import Trajectory
 

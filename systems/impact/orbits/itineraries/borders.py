@@ -30,7 +30,7 @@ from dynkit.systems.impact.orbits.itineraries.happening import Happening, Itiner
 from dynkit.systems.impact.orbits.itineraries.itinerary import regimes_of
 from dynkit.systems.impact.orbits.itineraries.motion import AT_ONCE, SAME
 from dynkit.systems.impact.orbits.itineraries.parting import reversed_order
-from dynkit.systems.impact.orbits.itineraries.shooting import ShootingSolution
+from dynkit.systems.impact.orbits.itineraries.several_modes.shooting import ShootingSolution
 from dynkit.systems.impact.orbits.machine import Regimes
 
 if TYPE_CHECKING:

@@ -16,16 +16,17 @@ from dynkit.orbits.events import Condition, Event
 from dynkit.orbits.newton import NoSolution
 from dynkit.orbits.solving import orbit_bound
 from dynkit.systems.impact.orbits.borders import Border
-from dynkit.systems.impact.orbits.itineraries import crossings, monodromy
 from dynkit.systems.impact.orbits.itineraries.borders import borders_of, named
-from dynkit.systems.impact.orbits.itineraries.errors import error_of
 from dynkit.systems.impact.orbits.itineraries.happening import Happening
 from dynkit.systems.impact.orbits.itineraries.itinerary import counts_of, returns_of
 from dynkit.systems.impact.orbits.itineraries.motion import ItinerarySolution
-from dynkit.systems.impact.orbits.itineraries.openness import flights_are_open
+from dynkit.systems.impact.orbits.itineraries.one_mode import monodromy
+from dynkit.systems.impact.orbits.itineraries.one_mode.openness import flights_are_open
+from dynkit.systems.impact.orbits.itineraries.one_mode.responses import ResponseSolution
 from dynkit.systems.impact.orbits.itineraries.parting import commute, ordered, parted
-from dynkit.systems.impact.orbits.itineraries.responses import ResponseSolution
-from dynkit.systems.impact.orbits.itineraries.shooting import ShootingSolution
+from dynkit.systems.impact.orbits.itineraries.several_modes import crossings
+from dynkit.systems.impact.orbits.itineraries.several_modes.errors import error_of
+from dynkit.systems.impact.orbits.itineraries.several_modes.shooting import ShootingSolution
 from dynkit.systems.impact.orbits.orbit import (
     NONE,
     PROGRESSION,

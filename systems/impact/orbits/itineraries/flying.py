@@ -15,8 +15,8 @@ from dynkit.core.validation import Array
 from dynkit.orbits.newton import NoSolution
 from dynkit.systems.impact.elements.element import Watch
 from dynkit.systems.impact.modes.constrained import pushes
-from dynkit.systems.impact.modes.taylor_mode import FREQUENCY, Path, TaylorMode
-from dynkit.systems.impact.modes.taylor_scene import Scene
+from dynkit.systems.impact.modes.taylor.mode import FREQUENCY, Path, TaylorMode
+from dynkit.systems.impact.modes.taylor.scene import Scene
 from dynkit.systems.impact.orbits.exponentials import gained, lifted, moved
 from dynkit.systems.impact.orbits.machine import Machine, Regimes, Rubs
 

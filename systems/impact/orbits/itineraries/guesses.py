@@ -14,7 +14,7 @@ from dynkit.systems.impact.modes.free_motion import free_motion
 from dynkit.systems.impact.orbits.itineraries.equations import APART, ItineraryEquations
 from dynkit.systems.impact.orbits.itineraries.happening import Happening
 from dynkit.systems.impact.orbits.itineraries.itinerary import regimes_of
-from dynkit.systems.impact.orbits.itineraries.terms import drives_of
+from dynkit.systems.impact.orbits.itineraries.one_mode.terms import drives_of
 from dynkit.systems.impact.orbits.orbit import NONE
 from dynkit.systems.impact.simulation.state import TWO_PI
 

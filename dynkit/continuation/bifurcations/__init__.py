@@ -1,0 +1,1 @@
+"""Bifurcations along a branch: found, located, classified, and left on other branches."""

@@ -1,0 +1,313 @@
+"""Criticality: the side of a bifurcation on which orbits are born, and their stability."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from contextlib import suppress
+from dataclasses import dataclass, field
+from typing import Any, TypeAlias, final
+
+import numpy as np
+from scipy.linalg import eig
+
+from dynkit.continuation.bifurcations.switching import Place
+from dynkit.core.cost import Cost
+from dynkit.core.differences import extrapolated
+from dynkit.core.no_motion import NoMotion
+from dynkit.core.validation import Array
+from dynkit.orbits.equations import Problem
+from dynkit.orbits.newton import ROUNDING, NoSolution
+from dynkit.orbits.problem import PeriodicProblem
+from dynkit.orbits.spectrum import Spectrum
+
+# First step of differences, in scaled unknowns.
+_FIRST = 0.1
+# Safety factor of errors from trials; error of second derivatives in units of a map's accuracy.
+_MARGIN, _DERIVATIVES = 4.0, 1e3
+# Largest difference between the critical multiplier and that of the return map.
+_SAME = 1e-6
+# Closer to a resonance of order up to four, mu^k = 1, cubic terms do not determine the criticality.
+_RESONANT = 1e-6
+
+
+@final
+@dataclass(frozen=True)
+class Criticality:
+    """The orbits born at a bifurcation: their side and their stability.
+
+    Parameters
+    ----------
+    coefficient : float
+        Coefficient of the normal form. SN: b of ``xi -> xi + b xi^2``, or of ``xi' = b xi^2``. PD:
+        c of ``xi -> -xi + c xi^3``. In both the unit of xi is the bifurcation's `direction`. NS:
+        the real part of d of ``z -> exp(i theta) z (1 + d |z|^2)``. HB: the real part of c of
+        ``z' = i omega z + c z |z|^2``, the first Lyapunov coefficient times omega. In both the
+        critical eigenvector has unit length in the coordinates of the state. At NS this is the
+        orbit's first state, and for sticking orbits the state in contact at the first release.
+    error : float
+        Estimate of the error of the coefficient.
+    side : int
+        1 where the orbits are born at larger values of the parameter, -1 at smaller ones; 0 where
+        that is not certain. At SN these are the two orbits that meet, at NS an invariant curve.
+    supercritical : bool or None
+        Whether they are born where the critical multiplier or eigenvalue is unstable; None at SN,
+        and where the coefficient does not certainly differ from zero.
+    stable : bool or None
+        Whether they are stable near the bifurcation; at SN whether one of the two is. None where
+        the coefficient does not certainly differ from zero.
+    cost : Cost
+
+    References
+    ----------
+    Y. A. Kuznetsov, Elements of Applied Bifurcation Theory, 4th ed., Springer 2023, sections 3.5,
+    4.7 and 5.4.
+
+    Examples
+    --------
+    >>> from dynkit import continue_orbit, periodic_orbit
+    >>> from dynkit.systems import Logistic
+    >>> orbit = periodic_orbit(Logistic(rate=2.5), [0.6])
+    >>> (doubling,) = continue_orbit(orbit, "rate", bounds=(2.0, 3.2)).bifurcations
+    >>> print(doubling, doubling.criticality)
+    <PD at rate 3> supercritical, stable, at larger values
+    """
+
+    coefficient: float
+    error: float
+    side: int
+    supercritical: bool | None
+    stable: bool | None
+    cost: Cost = field(compare=False)
+
+    def __repr__(self) -> str:
+        return f"<Criticality: {self}; coefficient {self.coefficient:.6g}, error {self.error:.1e}>"
+
+    def __str__(self) -> str:
+        if self.stable is None:
+            return "not certain"
+        if self.supercritical is None:
+            words = "one of them stable" if self.stable else "both unstable"
+        else:
+            words = "supercritical" if self.supercritical else "subcritical"
+            words += ", stable" if self.stable else ", unstable"
+        where = {1: "at larger values", -1: "at smaller values", 0: "on a side not certain"}
+        return f"{words}, {where[self.side]}"
+
+
+NormalForm: TypeAlias = "Callable[[Place, Array, float], tuple[float, float] | None]"
+"""(place, unknowns and parameter, accuracy of the system) -> coefficient and its error."""
+
+
+def criticality(place: Place, value: complex, form: NormalForm, sign: int) -> Criticality | None:
+    """Return the criticality of a bifurcation; None where its normal form is not known.
+
+    Parameters
+    ----------
+    place : Place
+    value : complex
+        The critical multiplier or eigenvalue.
+    form : callable
+        Computes the coefficient of the normal form.
+    sign : int
+        Sign of the coefficient of a supercritical bifurcation; 0 at SN.
+    """
+    began = time.perf_counter()
+    x, p, kind = place.y[:-1], place.y[-1:], place.problem.stability
+    if kind is Spectrum.CONSERVATIVE:
+        return None  # two multipliers meet at the critical one: these normal forms assume one
+    spectrum = np.asarray(place.problem.spectrum(x, p))
+    if np.count_nonzero(abs(spectrum - value) < _SAME * max(1.0, abs(value))) > 1:
+        return None  # as of a symmetric system
+    accuracy = ROUNDING
+    if isinstance(place.problem, PeriodicProblem):
+        accuracy = place.problem.orbit(x, p).system.accuracy
+    random = np.random.default_rng(0)
+    moved = place.y + place.error * random.choice([-1.0, 1.0], len(place.y))
+    try:
+        found, probe = form(place, place.y, accuracy), form(place, moved, accuracy)
+    except (NoSolution, NoMotion, np.linalg.LinAlgError):
+        return None
+    if found is None or probe is None:
+        return None
+    coefficient, error = found
+    error += _MARGIN * abs(probe[0] - coefficient)
+    supercritical = stable = None
+    side = 0
+    if abs(coefficient) > error:
+        others = spectrum
+        for critical in {value, value.conjugate()}:
+            others = np.delete(others, np.argmin(abs(others - critical)))
+        stable = bool(np.all(kind.stable(others)))
+        side = _unstable_side(place, value) if sign else _fold_side(place)
+        if sign:
+            supercritical = coefficient * sign > 0.0
+            stable &= supercritical
+            side *= 1 if supercritical else -1
+    cost = Cost(time.perf_counter() - began, {})
+    return Criticality(coefficient, error, side, supercritical, stable, cost)
+
+
+# --- from the equations of the orbit --------------------------------------------------------------
+
+
+def fold(place: Place, y: Array, accuracy: float) -> tuple[float, float] | None:
+    """Return the coefficient b at SN, and its error."""
+    problem, way, neutral = place.problem, place.direction, place.problem.stability.neutral
+    x, p = y[:-1], y[-1:]
+    left = _left(problem, x, p, neutral)
+
+    def coefficient(h: float) -> float:
+        first = _slope(lambda z: problem.pencil(z, p, neutral), x, way, h)
+        by_value = _slope(lambda mu: problem.pencil(x, p, mu), neutral, 1.0, h)
+        return float(-0.5 * (left @ first @ way) / (left @ by_value @ way))
+
+    return _limit(coefficient, accuracy)
+
+
+def flip(place: Place, y: Array, accuracy: float) -> tuple[float, float] | None:
+    """Return c at PD, from the symmetric branch in the equations of twice the period."""
+    assert isinstance(place.problem, PeriodicProblem)
+    problem, x, way = place.problem.doubled(y[:-1], place.direction)
+    p, scale = y[-1:], problem.scale(x)
+    here, left = problem.linearization(x, p), _left(problem, x, p, 1.0)
+    m = len(x)
+    bordered = np.zeros((m + 1, m + 1))
+    bordered[:m, :m], bordered[:m, m], bordered[m, :m] = here * scale, left, way / scale
+
+    def coefficient(h: float) -> float:
+        first, second = _both(lambda z: problem.linearization(z, p), x, here, way, h)
+        by_value = _slope(lambda mu: problem.linearization(x, p, mu), 1.0, 1.0, h)
+        mean = scale * np.linalg.solve(bordered, np.append(-0.5 * (first @ way), 0.0))[:m]
+        cubic = left @ (second @ way / 6.0 + first @ mean)
+        return float(0.5 * cubic / (left @ by_value @ way))
+
+    return _limit(coefficient, accuracy)
+
+
+def _left(problem: Problem, x: Array, p: Array, value: complex) -> Any:
+    """Return the left null vector of D at a value of the spectrum."""
+    return np.linalg.svd(problem.pencil(x, p, value) * problem.scale(x))[0][:, -1].conj()
+
+
+def _fold_side(place: Place) -> int:
+    """Return the side of a fold on which the branch is: the sign of the second derivative of p."""
+    problem, way, x, p = place.problem, place.direction, place.y[:-1], place.y[-1:]
+    neutral = problem.stability.neutral
+    left = _left(problem, x, p, neutral)
+    slope = float(left @ problem.parameter_derivative(x, p)[:, 0])
+
+    def bend(h: float) -> float:
+        first = _slope(lambda z: problem.pencil(z, p, neutral), x, way, h)
+        return -float(left @ first @ way) / slope
+
+    return _sign(bend)
+
+
+def _unstable_side(place: Place, value: complex) -> int:
+    """Return the side, 1 or -1, on which the critical multiplier or eigenvalue is unstable."""
+    problem, y, way = place.problem, place.y, place.direction
+    left = _left(problem, y[:-1], y[-1:], value)
+
+    def growth(h: float) -> float:
+        first = _slope(lambda z: problem.pencil(z[:-1], z[-1:], value), y, place.tangent, h)
+        by_value = _slope(lambda mu: problem.pencil(y[:-1], y[-1:], mu), value, 1.0, h)
+        speed = -(left @ first @ way) / (left @ by_value @ way)
+        if problem.stability.periodic:
+            speed *= value.conjugate()
+        return float(speed.real)
+
+    return _sign(growth) * int(np.sign(place.tangent[-1]))
+
+
+def _sign(estimate: Callable[[float], float]) -> int:
+    number, error = _limit(estimate, ROUNDING)
+    return int(np.sign(number)) if abs(number) > error else 0
+
+
+# --- from the return map, or the velocity ---------------------------------------------------------
+
+
+def rotation(place: Place, y: Array, accuracy: float) -> tuple[float, float] | None:
+    """Return the real part of d at NS, or of c at HB, and its error."""
+    problem, angle = place.problem, float(place.own[0])
+    returns = isinstance(problem, PeriodicProblem)
+    value = complex(np.exp(1j * angle)) if returns else complex(0.0, angle)
+    if returns and min(abs(value**k - 1.0) for k in range(1, 5)) < _RESONANT:
+        return None
+    jacobian, state = (
+        problem.returns(y[:-1], y[-1:])
+        if isinstance(problem, PeriodicProblem)
+        else _velocity(problem, y)
+    )
+    here = jacobian(state)
+    found: Any = eig(here, left=True)
+    values, lefts, rights = found
+    k = int(np.argmin(abs(values - value)))
+    if not abs(values[k] - value) < _SAME * max(1.0, abs(value)):
+        return None  # the orbit is inadmissible, or the return map is that of another orbit
+    q, adjoint = rights[:, k], lefts[:, k].conj()
+    adjoint = adjoint / (adjoint @ q)
+    value, square = values[k], (values[k] ** 2 if returns else 2.0 * values[k])
+    unit = np.eye(len(q))
+    still, twice = here - problem.stability.neutral * unit, here - square * unit
+    size = float(problem.scale(y[:-1]).max())
+
+    def coefficient(h: float) -> float:
+        ways = q.real, q.imag
+        (a, aa), (b, bb) = (_both(jacobian, state, here, way, h * size) for way in ways)
+        twisted = a + 1j * b  # B(q, .)
+        mean = np.linalg.solve(still, twisted @ q.conj())
+        double = np.linalg.solve(twice, twisted @ q)
+        cubic = (aa + bb) @ q - 2.0 * twisted @ mean - twisted.conj() @ double
+        number = 0.5 * (adjoint @ cubic)
+        return float((number / value if returns else number).real)
+
+    return _limit(coefficient, accuracy)
+
+
+def _velocity(problem: Problem, y: Array) -> tuple[Callable[[Array], Array], Array]:
+    """Return the derivative of the velocity as a function, and the equilibrium."""
+
+    def jacobian(x: Array) -> Array:
+        known = problem.factors(x, y[-1:])
+        assert known is not None
+        matrix: Array = known[0][0]
+        return matrix
+
+    return jacobian, y[:-1]
+
+
+# --- differences ----------------------------------------------------------------------------------
+
+
+def _slope(function: Callable[[Any], Any], place: Any, way: Any, h: float) -> Any:
+    """Return the central difference of a function along a direction."""
+    return (function(place + h * way) - function(place - h * way)) / (2.0 * h)
+
+
+def _both(
+    function: Callable[[Any], Any], place: Any, here: Any, way: Any, h: float
+) -> tuple[Any, Any]:
+    """Return first and second differences along a direction; `here` is the value at the place."""
+    ahead, behind = function(place + h * way), function(place - h * way)
+    return (ahead - behind) / (2.0 * h), (ahead - 2.0 * here + behind) / h**2
+
+
+def _limit(estimate: Callable[[float], float], accuracy: float) -> tuple[float, float]:
+    """Return the limit of an even function of the step at step zero, and its error."""
+
+    def row(h: float) -> tuple[Array, Array, float]:
+        number = np.nan
+        with suppress(NoSolution, NoMotion), np.errstate(all="ignore"):
+            number = estimate(h)
+        return np.array([number]), np.zeros(1), h**2
+
+    # second differences at smaller steps are dominated by rounding
+    count = int(np.log2(accuracy ** (-1.0 / 3.0)))
+    steps = _FIRST / 2.0 ** np.arange(count)
+    found, error = extrapolated(map(row, steps.tolist()), 4.0, accuracy)
+    if not np.isfinite(found[0]):
+        return np.nan, np.inf
+    wrong = _MARGIN * error[0] + _DERIVATIVES * accuracy * abs(found[0])
+    return float(found[0]), float(wrong)

@@ -1,0 +1,323 @@
+"""Location of bifurcations within a step of a branch."""
+
+from __future__ import annotations
+
+import math
+import time
+from contextlib import suppress
+from dataclasses import replace
+
+import numpy as np
+
+from dynkit.continuation.arclength import Continuation
+from dynkit.continuation.bifurcations.kinds import KINDS, condition_of
+from dynkit.continuation.corrector import Failure
+from dynkit.continuation.crossings import Crossing, Located
+from dynkit.continuation.defining_systems import (
+    BifurcationEquations,
+    CriticalMultiplier,
+    null_vector,
+)
+from dynkit.continuation.points import Point, beside, interpolated
+from dynkit.continuation.test_functions import are_real, crossings, examine, resonances, turns
+from dynkit.core.validation import Array
+from dynkit.orbits.equations import Problem
+from dynkit.orbits.events import WatchedProblem
+from dynkit.orbits.kinds import BifurcationKind
+from dynkit.orbits.newton import NoSolution, correct, error_bound
+
+_HALVINGS = 45
+# Of the error of a point: bisection ends where the points are nearer.
+_OF_BLUR = 0.25
+# Tolerances of `beside` for a solution between two points.
+_WITHIN = (1e-6, 1e-9), 2.0
+# The same without its ends: in so many divisions at first a solution at an end is not taken, as it
+# may be that of the next step.
+_INSIDE, _DOUBTED = ((-1e-6, -1e-9), 2.0), 4
+# Least abs(sin theta) of NS.
+_FLAT = 1e-3
+# Largest error of a located bifurcation, relative to the range of the parameter.
+_UNSURE = 1e-5
+# Largest distance of multipliers on the unit circle, or eigenvalues on the imaginary axis: double
+# ones have large rounding errors.
+_ON_BORDER = 1e-5
+_PAIRS = (BifurcationKind.NS, BifurcationKind.HB)
+# Of the distance of a zero that values foretell: so far beside it the step is divided.
+_ASIDE = 0.02
+# Parts of a step at which it is divided: near a chatter's border orbits may not be defined.
+_PARTS = (0.5, 0.25, 0.75, 0.125)
+# Largest distance of a multiplier from the critical value at PD, and where a bifurcation is only
+# bisected: near grazing its rounding errors are large.
+_NEAR = 0.01
+
+
+def locate(
+    problem: Problem, curve: Continuation, before: Point, after: Point, crossing: Crossing
+) -> Located | None:
+    """Return the bifurcation between two points; None when there is none after all.
+
+    Newton's method is applied to its extended system. As long as it does not converge to a solution
+    between the points, the step is divided. If it never converges, the last step, as short as
+    rounding allows, is the result, except for NS, HB and jumps.
+    """
+    began = time.perf_counter()
+    steps = 0
+    heights = [_height(before, crossing), _height(after, crossing)]
+    size = max(height for height in heights if height < np.inf)
+    together = after.seen.crossings.count(crossing)
+    due, division, begin = 8, _Division(crossing.event, before, after), _way(before, after)
+    for halving in range(_HALVINGS):
+        if halving % 8 == 0 if halving > 8 else _is_plain(before, after, crossing):
+            known = after.seen.branch_point if crossing.kind is BifurcationKind.BP else None
+            found = known or solved(problem, before, after, crossing, together)
+            if found is not None and (
+                halving >= _DOUBTED or known or beside(before, after, found.place, *_INSIDE)
+            ):
+                seconds = time.perf_counter() - began
+                return found._replace(seconds=seconds, steps=steps + len(found.history) - 1)
+        if halving == due:
+            blurs = _blurs(curve, before, after)
+            if blurs <= 1.0:
+                break
+            due += math.ceil(min(8.0, math.log2(blurs) / 3.0))
+        part = division.part(before, after)
+        middle = _examined_middle(problem, curve, before, after, crossing, part)
+        if middle is None:
+            break
+        steps += middle.iterations
+        if crossing in crossings(before, middle, curve.method.tests):
+            after = middle
+        elif crossing in crossings(middle, after, curve.method.tests):
+            before = middle
+        else:
+            return None
+        division.take(middle)
+    least = min(_height(before, crossing), _height(after, crossing))
+    # of a zero this remains, too, where the step is not much longer than rounding
+    left = _way(before, after) / begin
+    if least > max(KINDS[crossing.kind].jump, left) * size:
+        return None
+    critical = KINDS[crossing.kind].critical.get(problem.stability)
+    if crossing.kind in (*_PAIRS, BifurcationKind.RS) or (
+        critical is not None and _distance(after, crossing.kind) > _NEAR
+    ):
+        return None
+    errors = abs(after.y - before.y) + _blur(curve, after)
+    x, p, none = after.y[:-1], after.y[-1:], np.empty(0)
+    if critical is not None and np.any(problem.linearization_error(x, p)):
+        errors[:] = np.inf  # errors of differences shift the bifurcation by an unknown distance
+    return Located(
+        crossing,
+        x=x,
+        own=none,
+        p=p,
+        errors=errors,
+        multiplier=critical,
+        direction=none if critical is None else null_vector(problem, x, p, critical),
+        history=(after.residual,),
+        seconds=time.perf_counter() - began,
+        steps=steps,
+        solved=False,
+    )
+
+
+def _way(before: Point, after: Point) -> float:
+    """Distance of two points, in scaled unknowns."""
+    return float(np.linalg.norm((after.y - before.y) / before.scale))
+
+
+def _height(point: Point, crossing: Crossing) -> float:
+    """Return the magnitude of the event's value; zero where the kind is not an event."""
+    return abs(point.seen.events[crossing.event].value) if crossing.event >= 0 else 0.0
+
+
+def _blur(curve: Continuation, point: Point) -> Array:
+    """Return the errors of unknowns and parameter of a border, from those of its orbit, (m + 1,).
+
+    The error of the parameter is at least the change that moves the unknowns along the branch by
+    their error.
+    """
+    equations, scale = curve.equations, point.scale
+    bound = error_bound(equations, equations.jacobian(point.y), point.y, scale, point.tangent)
+    errors = np.asarray((bound / scale).max() * scale)
+    way = float(np.linalg.norm(point.tangent[:-1]))
+    if errors[-1]:
+        errors[-1] *= max(1.0, abs(float(point.tangent[-1])) / way) if way else np.inf
+    return errors
+
+
+def _is_plain(before: Point, after: Point, crossing: Crossing) -> bool:
+    """Whether Newton's method is tried at once; not for pairs that become real within the step."""
+    return crossing.kind not in _PAIRS or before.seen.pairs == after.seen.pairs
+
+
+def _blurs(curve: Continuation, before: Point, after: Point) -> float:
+    """Return the distance of two points, in distances of the second from the exact curve."""
+    apart, blur = abs(after.y - before.y), _OF_BLUR * _blur(curve, after)
+    with np.errstate(divide="ignore"):
+        return float((apart[apart > 0.0] / blur[apart > 0.0]).max(initial=0.0))
+
+
+class _Division:
+    """Where steps are divided: just before and just beyond where an event's value is zero, in turn.
+
+    That is where the line through the last two positive values is zero; negative ones may be
+    jagged, as at the border of a chatter. Half-way where there is no event, where that place is not
+    within the step, and where steps are longer than by halving, as where the value jumps.
+    """
+
+    def __init__(self, event: int, before: Point, after: Point) -> None:
+        self._event, self._begin = event, before
+        self._longest, self._beyond = 4.0 * _way(before, after), False
+        self._positive: list[tuple[float, float]] = []
+        for point in (before, after):
+            self.take(point)
+
+    def take(self, point: Point) -> None:
+        """Note a point of the branch."""
+        if self._event < 0:
+            return
+        event = point.seen.events[self._event]
+        self._beyond = event.value > 0.0
+        if 0.0 < event.value < np.inf:
+            distance = event.value ** (1.0 / event.power)
+            self._positive = [*self._positive[-1:], (_way(self._begin, point), distance)]
+
+    def part(self, before: Point, after: Point) -> float:
+        """Part of the step at which it is divided."""
+        low, high = _way(self._begin, before), _way(self._begin, after)
+        late, self._longest = high - low > self._longest, 0.5 * self._longest
+        if late or len(self._positive) < 2:
+            return _PARTS[0]
+        (s, a), (t, b) = self._positive
+        away = b * (t - s) / (a - b) if a != b else np.inf
+        wanted = t + away * (1.0 + (_ASIDE if self._beyond else -_ASIDE))
+        part = float((wanted - low) / (high - low))
+        return part if 0.0 < part < 1.0 else _PARTS[0]
+
+
+def _examined_middle(
+    problem: Problem,
+    curve: Continuation,
+    before: Point,
+    after: Point,
+    crossing: Crossing,
+    first: float,
+) -> Point | None:
+    """A point at a part of the step; elsewhere within it where there is no such orbit there.
+
+    For an event only that of its orbit is computed.
+    """
+    length = _way(before, after)
+    for part in (first, *_PARTS):
+        if crossing.event < 0:
+            middle = curve.at(before, part * length)
+        else:
+            middle = curve.between(before, after, part)
+        if not isinstance(middle, Failure):
+            with suppress(NoSolution):
+                if crossing.event < 0:
+                    return replace(middle, seen=examine(problem, middle))
+                assert isinstance(problem, WatchedProblem)
+                events, own = list(before.seen.events), crossing.event
+                events[own] = problem.event(own, middle.y[:-1], middle.y[-1:])
+                return replace(middle, seen=replace(before.seen, events=tuple(events)))
+    return None
+
+
+def _on_the_border(problem: Problem, x: Array, p: Array) -> int:
+    """Return the number of complex pairs on the border of stability."""
+    values = np.asarray(problem.spectrum(x, p))
+    near = problem.stability.from_border(values) < _ON_BORDER
+    return int(np.count_nonzero(near & (values.imag > 0.0) & ~are_real(values)))
+
+
+def _is_multiplier(problem: Problem, x: Array, p: Array, number: float) -> bool:
+    """Whether one of the multipliers is near a number."""
+    return bool((abs(np.asarray(problem.spectrum(x, p)) - number) < _NEAR).any())
+
+
+def solved(
+    problem: Problem, before: Point, after: Point, crossing: Crossing, together: int = 1
+) -> Located | None:
+    """Return the bifurcation that Newton's method finds between two points, if any.
+
+    At NS and HB one pair is on the border of stability, or as many as pass it `together`.
+    """
+    kind, event, _ = crossing
+    guess = interpolated(before, after, _part(before, after, crossing))
+    own = np.empty(0)
+    if kind in _PAIRS:
+        own = _angle(before, after)
+        if not len(own):
+            return None
+    if kind is BifurcationKind.RS:
+        own = np.ones(1)
+    try:
+        condition, own = condition_of(kind, event, problem, guess[:-1], own, guess[-1:])
+        equations = BifurcationEquations(problem, condition, before.scale[-1:])
+        y = np.concatenate([guess[:-1], own, guess[-1:]])
+        found = correct(equations, y, equations.scale(y), steps=15)
+        place = np.append(found.y[: problem.size], found.y[-1])
+        if not found.converged or not beside(before, after, place, *_WITHIN):
+            return None
+        x, own, p = equations.split(found.y)
+        # the error bound uses null vectors and rounding errors at the solution
+        condition, _ = condition_of(kind, event, problem, x, own, p)
+        equations.condition = condition
+        scale, jacobian = equations.scale(found.y), equations.full_jacobian(found.y)
+        bound = error_bound(equations, jacobian, found.y, scale, None)
+    except (NoSolution, np.linalg.LinAlgError):
+        return None
+    if kind is BifurcationKind.NS and abs(np.sin(own[0])) < _FLAT:
+        return None
+    if kind is BifurcationKind.RS and abs(own[0] - 1.0) > _ON_BORDER:
+        return None
+    if equations.is_unfolded(found.y):
+        return None
+    # at grazing D(mu) is singular for numbers that are not multipliers
+    if kind in _PAIRS and _on_the_border(problem, x, p) not in (1, together):
+        return None
+    if kind is BifurcationKind.PD and not _is_multiplier(problem, x, p, -1.0):
+        return None
+    if not bound[-1] < _UNSURE * before.scale[-1]:
+        return None
+    multiplier, direction = None, np.empty(0)
+    if isinstance(condition, CriticalMultiplier):
+        multiplier, direction = condition.multiplier(own), condition.direction(x, own, p)
+    return Located(crossing, x, own, p, bound, multiplier, direction, found.history, 0.0, 0)
+
+
+def _part(before: Point, after: Point, crossing: Crossing) -> float:
+    """Return an estimate of the position of the bifurcation within the step, from 0 to 1."""
+    if crossing.kind is BifurcationKind.SN:
+        a, b = float(before.tangent[-1]), float(after.tangent[-1])
+    elif crossing.kind is BifurcationKind.RS:
+        (there, *_) = resonances(before.seen, after.seen)
+        a, b = (turns(point.seen) - there for point in (before, after))
+    elif crossing.event >= 0:
+        a, b = (point.seen.events[crossing.event].value for point in (before, after))
+    else:
+        a, b = _distance(before, crossing.kind), -_distance(after, crossing.kind)
+    if not np.isfinite(a) or not np.isfinite(b) or a == b:
+        return 0.5
+    return float(min(max(a / (a - b), 0.05), 0.95))
+
+
+def _distance(point: Point, kind: BifurcationKind) -> float:
+    """Return the distance of the multipliers or eigenvalues from the critical value."""
+    spectrum, values = point.seen.kind, point.seen.spectrum
+    if kind in _PAIRS:
+        there = spectrum.from_border(values[~are_real(values)])
+    else:
+        there = spectrum.from_number(values, KINDS[kind].critical[spectrum])
+    return float(there.min()) if len(there) else np.inf
+
+
+def _angle(before: Point, after: Point) -> Array:
+    """Return angle or frequency, (1,), of the complex pair nearest to the border, if any."""
+    spectrum = before.seen.kind
+    both = np.append(before.seen.spectrum, after.seen.spectrum)
+    upper = both[(both.imag > 0.0) & ~are_real(both)]
+    nearest = upper[np.argsort(spectrum.from_border(upper))][:1]
+    return np.asarray(np.angle(nearest) if spectrum.periodic else nearest.imag)

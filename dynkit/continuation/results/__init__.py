@@ -1,0 +1,1 @@
+"""Branches, how they are drawn, and whether an orbit lies on one."""

@@ -1,0 +1,1 @@
+"""Modes of structures whose energies are not quadratic, by Taylor's method."""

@@ -1,0 +1,475 @@
+"""Coordinates in which Taylor's method follows a structure, and its compiled integrators.
+
+The seam between the event loop and a mode that is not linear is `Chart`: it puts positions and
+velocities into coordinates, among them the gaps of stops and the slip velocities of friction, so
+that nothing cancels near contact; it advances to the earliest guard; and it gives the Taylor
+coefficients of a state and the derivative of the flow. Numbers are runtime parameters: another
+value compiles nothing.
+"""
+
+from __future__ import annotations
+
+import copy
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+from functools import cache, cached_property, lru_cache, wraps
+from threading import RLock, local
+from typing import Any, final
+
+import numpy as np
+
+from dynkit.core.kept import kept
+from dynkit.core.no_motion import CannotFollow, Diverged
+from dynkit.core.validation import Array
+from dynkit.systems.impact.modes.taylor.equations import Plan, system_of
+from dynkit.systems.structure.functions import CoordinateFunction
+
+_MOST_KEPT = 64
+"""Compiled integrators that are kept."""
+
+_LARGE = 60
+"""From so many equations on heyoka's code is made compact, which compiles much faster.
+
+So is that of variations where masses vary: for two masses in 2 s instead of 32, half as fast."""
+
+_METHOD: dict[str, Any] = {"tol": 2.4e-16, "fast_math": True}
+"""Order 19, of which the remainder is below rounding; heyoka's own tolerance, which is 8 percent
+less, needs order 20. Sums may be in any order. States that are not finite are found outside."""
+
+_SHORTEST = 1e-3
+"""Least limit of steps, in radians of the phase."""
+
+_CHUNK, _MOST = 1_000, 200_000
+"""Steps of one call, and of one flight, of Taylor's method."""
+
+
+def _heyoka() -> Any:
+    from dynkit.systems.symbolic.taylor import heyoka
+
+    return heyoka("a structure whose energies are not quadratic")
+
+
+def _code() -> dict[str, Any]:
+    from dynkit.systems.symbolic.taylor import CODE
+
+    return CODE
+
+
+@final
+class _Compiled(local):
+    """A compiled integrator. It holds one motion, so each thread has a copy, `here`."""
+
+    def __init__(self, integrator: Any) -> None:
+        self.integrator = integrator
+
+    @cached_property
+    def here(self) -> Any:
+        return copy.copy(self.integrator)
+
+
+@lru_cache(_MOST_KEPT)
+def _integrator(plan: Plan) -> _Compiled:
+    """Integrator of a plan, whose events are the guards."""
+    hy = _heyoka()
+    variables, rates, guards = system_of(hy, plan)
+    down = hy.event_direction.negative
+    made = hy.taylor_adaptive(
+        list(zip(variables, rates, strict=True)),
+        [0.0] * len(variables),
+        compact_mode=len(variables) > _LARGE,
+        t_events=[hy.t_event(guard, direction=down, cooldown=0.0) for guard in guards],
+        **_METHOD,
+        **_code(),
+    )
+    return _Compiled(made)
+
+
+def _moved(hy: Any, plan: Plan, places: tuple[int, ...], given: list[Any]) -> tuple[Any, Any]:
+    """Expressions at numbers that change, in proportion to one; their changes follow it."""
+    part = hy.par[plan.size]
+    moved = {hy.par[p]: hy.par[p] + part * hy.par[plan.size + 1 + k] for k, p in enumerate(places)}
+    return hy.subs(given, moved) if given else [], part
+
+
+@lru_cache(_MOST_KEPT)
+def _variations(plan: Plan, places: tuple[int, ...] | None = None) -> _Compiled:
+    """The same, with derivatives by the state and by the phase, or by a change of some numbers."""
+    hy = _heyoka()
+    variables, rates, _ = system_of(hy, plan)
+    by = [*variables, hy.par[0]]
+    if places is not None:
+        rates, part = _moved(hy, plan, places, rates)
+        by = [part]
+    system = hy.var_ode_sys(list(zip(variables, rates, strict=True)), by)
+    large = plan.eliminates or len(system.sys) > _LARGE
+    options = {"compact_mode": large, **_METHOD, **_code()}
+    return _Compiled(hy.taylor_adaptive(system, [0.0] * len(variables), **options))
+
+
+@lru_cache(_MOST_KEPT)
+def _gradients(plan: Plan, places: tuple[int, ...] | None, *, rates: bool) -> Any:
+    """Code of derivatives of the rates, or of the guards.
+
+    By the coordinates and the phase, or by a change of some numbers.
+    """
+    hy = _heyoka()
+    variables, *own = system_of(hy, plan)
+    given = own[0 if rates else 1]
+    by = [*variables, hy.par[0]]
+    if places is not None:
+        given, part = _moved(hy, plan, places, given)
+        by = [part]
+    found = [hy.diff(value, each) for value in given for each in by]
+    return hy.cfunc(found, vars=variables, compact_mode=len(found) > _LARGE, **_code())
+
+
+@cache
+def _outcomes() -> tuple[int, int, int]:
+    """Numbers of heyoka for a full step, the limit of steps, and the end of the duration."""
+    known = _heyoka().taylor_outcome
+    return int(known.success), int(known.step_limit), int(known.time_limit)
+
+
+def _propagate(made: Any, duration: float, z: Array) -> None:
+    """Advance an integrator by a duration, from coordinates that a refusal names."""
+    outcome, *_ = made.propagate_until(duration)
+    if int(outcome) != _outcomes()[2] or not np.isfinite(made.state).all():
+        raise Diverged(f"the motion runs away within {duration:.6g} from {z.tolist()}")
+
+
+def _alone(method: Callable[..., Any]) -> Callable[..., Any]:
+    """A method of a chart while no other thread uses its integrators, which hold one motion."""
+
+    @wraps(method)
+    def locked(self: Chart, *arguments: Any) -> Any:
+        with self.lock:
+            return method(self, *arguments)
+
+    return locked
+
+
+@final
+class Chart:
+    """One set of coordinates of a mode: positions and velocities, of which some are gaps or slips.
+
+    Positions are followed by the places of the J sliders. Coordinates z are positions, what is left
+    of the stretch of each slider's spring until it yields, gaps along functions, and a zero for
+    friction whose slip velocity others determine, K of both; then velocities, slip velocities of
+    sliders, rates of these gaps, and these slip velocities: M = 2 (N + J + K) numbers. Bare ones,
+    (2 N + J,), are positions, the stretches themselves, and velocities; along functions there are
+    the places of sliders, towards the other side, in place of the stretches.
+
+    Attributes
+    ----------
+    plan : Plan
+    own : (elements, 8) numbers of the elements, see `TaylorMode`
+    rows : (elements, N)
+    to_x, back_x : (N + J, N + J)
+        From positions to bare coordinates and back.
+    to_v, back_v : (N, N)
+        The same for velocities.
+    curves : dict
+        Functions along which elements act, by the numbers of these.
+    joints : (J, 2)
+        Of each slider the side on which it is nearer to yielding, and the stretch at which it does.
+    events : tuple of int
+        For each guard of the plan the number of the guard of the mode.
+    places, speeds : dict
+        Where gaps and their rates, or slip velocities alone, are in the halves of coordinates.
+    springs : dict
+        Where the springs of sliders are in the first half of the coordinates.
+    """
+
+    def __init__(
+        self,
+        plan: Plan,
+        pars: Array,
+        own: Array,
+        to: tuple[Array, Array],
+        back: tuple[Array, Array],
+        rows: Array,
+        curves: dict[int, CoordinateFunction],
+        joints: Array,
+        events: tuple[int, ...],
+    ) -> None:
+        self.plan, self._pars, self._own, self.curves = plan, pars, own, curves
+        self.to_x, self.to_v = to
+        self.back_x, self.back_v = back
+        self._size, self._joints, self._events = len(self.to_v), joints, events
+        parted = [k for k in curves if k not in plan.sliders]
+        self.rows, self._more = rows, (*parted, *plan.dragged)
+        self._bent = [(k, i) for i, k in enumerate(plan.sliders) if k in curves]
+        more = {k: len(self.to_x) + i for i, k in enumerate(self._more)}
+        self.springs = {k: self._size + i for i, k in enumerate(plan.sliders)}
+        self.places = dict(plan.stops) | {k: more[k] for k in parted}
+        self.speeds = dict((*plan.stops, *plan.rubs)) | self.springs | more
+        self.lock = RLock()
+        self._plain = bool((self.to_x == np.eye(len(self.to_x))).all()) and not plan.rubs
+
+    @cached_property
+    def integrator(self) -> Any:
+        """An integrator of its own, with the numbers put in."""
+        made = copy.copy(_integrator(self.plan).integrator)
+        made.pars[:] = self._pars[: len(made.pars)]
+        size = 2 * (len(self.to_x) + len(self._more))
+        self._z_of, self._turn_of, self._pars_of = *np.split(made.state, [size]), made.pars
+        return made
+
+    @cached_property
+    def _unguarded(self) -> Plan:
+        return self.plan.without_guards
+
+    @cached_property
+    def _eventless(self) -> _Compiled:
+        return _integrator(self._unguarded)
+
+    @kept
+    def _varied(self, places: tuple[int, ...] | None) -> _Compiled:
+        """Of derivatives, by the state and the phase, or by a change of some numbers."""
+        plan = self._unguarded if places is None else self._unguarded.where(places)
+        return _variations(plan, places)
+
+    def _begun(self, compiled: _Compiled, sine: float, cosine: float, *more: float) -> Any:
+        """An integrator of this thread at time zero, with a phase, the numbers, and more of them.
+
+        Those that are not in the equations may be missing.
+        """
+        made = compiled.here
+        numbers = np.concatenate([self._pars[: self._unguarded.size], more])
+        made.time, made.pars[:] = 0.0, numbers[: len(made.pars)]
+        made.pars[:1] = math.atan2(sine, cosine)
+        return made
+
+    def shifts(self, sine: Any, cosine: Any, one: Any = 1.0) -> tuple[Any, Any]:
+        """What the motion of elements adds to bare coordinates, (..., N + J) and (..., N).
+
+        It is linear in sine, cosine and one.
+        """
+        shape = np.shape(sine)
+        x, v = np.zeros((*shape, len(self.to_x))), np.zeros((*shape, self._size))
+        rate = self._pars[1]
+        for k, p in self.plan.stops:
+            sign, real, imaginary, offset = self._own[k, :4]
+            x[..., p] = sign * (offset * one + real * sine + imaginary * cosine)
+        for k, p in (*self.plan.stops, *self.plan.rubs):
+            sign, real, imaginary, _, drift = self._own[k, :5]
+            v[..., p] = sign * (drift * one + rate * (real * cosine - imaginary * sine))
+        return x, v
+
+    def coordinates(self, x: Array, v: Array, sine: float, cosine: float) -> Array:
+        """Coordinates (M,) of positions (N + J,) and velocities (N,), or (N + J,)."""
+        n, rate = self._size, self._pars[1]
+        more_x, more_v = self.shifts(sine, cosine)
+        v = v[:n]
+        parts = self.to_x @ x - more_x, self.to_v @ v - more_v
+        if not self.plan.sliders and not self._more:
+            return np.concatenate(parts)
+        side, reach = self._joints.T
+        gaps, rates, x = [], [], x[:n]
+        parts[0][n:] = reach - side * (parts[0][n:] + self._along(x))
+        for k in (*self.plan.sliders, *self._more):
+            sign, real, imaginary, offset, drift = self._own[k, :5]
+            place = offset + real * sine + imaginary * cosine
+            speed = drift + rate * (real * cosine - imaginary * sine)
+            gaps += [sign * (float(self.curves[k](x)) - place)] if k in self.places else []
+            gaps += [0.0] if k in self.plan.dragged else []
+            rates.append(sign * (float(self._row(k, x) @ v) - speed))
+        return np.concatenate([parts[0], gaps, parts[1], rates])
+
+    def _along(self, x: Array) -> Array:
+        """What positions (..., N) add to the stretches (..., J) along functions, over bare ones."""
+        out = np.zeros((*x.shape[:-1], len(self.plan.sliders)))
+        for k, i in self._bent:
+            out[..., i] = self._own[k, 0] * self.curves[k](x)
+        return out
+
+    def stretched(self, k: int, left: Array) -> Array:
+        """Taylor coefficients (order + 1,) of a stretch, by those of what is left of it."""
+        side, reach = self._joints[self.plan.sliders.index(k)]
+        out = -side * left
+        out[0] += side * reach
+        return np.asarray(out)
+
+    def _row(self, k: int, x: Array) -> Array:
+        """Row (N,) of an element at positions (N,)."""
+        row: Array = self.curves[k].gradient(x) if k in self.curves else self.rows[k]
+        return row
+
+    def kicked(self, x: Array, change: Array) -> Array:
+        """Changes of the second half of the coordinates by changes (N,) of velocities."""
+        carried = (*self.plan.sliders, *self._more)
+        rates = [self._own[k, 0] * (self._row(k, x) @ change) for k in carried]
+        return np.concatenate([self.to_v @ change, rates])
+
+    def bare(self, z: Array, sine: float, cosine: float) -> Array:
+        """Bare coordinates (2 N + J,) of coordinates (M,)."""
+        first, second = np.split(z, 2)
+        first, (side, reach) = first[: len(self.to_x)].copy(), self._joints.T
+        first[self._size :] = side * (reach - first[self._size :])
+        if self._bent:
+            first[self._size :] -= self._along(self.motion(z, sine, cosine)[0][: self._size])
+        return np.concatenate([first, second[: self._size]])
+
+    def motion(self, z: Array, sine: Any, cosine: Any, one: Any = 1.0) -> tuple[Array, Array]:
+        """Positions (..., N + J) and velocities (..., N) of coordinates, which may be bare.
+
+        As series of all by time, where one is not 1.
+        """
+        n, p = self._size, len(self.to_x)
+        half = p if z.shape[-1] == n + p else z.shape[-1] // 2
+        more_x, more_v = self.shifts(sine, cosine, one)
+        x, v = z[..., :p] + more_x, z[..., half : half + n] + more_v
+        if self.plan.sliders and z.shape[-1] != n + p:
+            side, reach = self._joints.T
+            x[..., n:] = side * (reach - x[..., n:])
+        if not self._plain:
+            x, v = x @ self.back_x.T, v @ self.back_v.T
+        for k, i in self._bent if z.shape[-1] != n + p else ():
+            x[..., n + i] += self.curves[k](x[..., :n])
+        return x, v
+
+    def load(self, z: Array, sine: float, cosine: float) -> Any:
+        """The integrator at coordinates (M,) and a phase."""
+        made = self.integrator
+        made.time = 0.0
+        if self.plan.equations.turns:
+            self._pars_of[:1] = math.atan2(sine, cosine)
+        if len(self._turn_of):
+            self._turn_of[:] = sine, cosine
+        self._z_of[:] = z
+        return made
+
+    def fly(
+        self,
+        z: Array,
+        sine: float,
+        cosine: float,
+        longest: float,
+        pace: float = math.inf,
+        early: Sequence[float] = (),
+    ) -> tuple[int, float, int]:
+        """Advance coordinates (M,), modified in place, to the first guard.
+
+        The caller holds `lock`. Where no guard is reached within a duration, `reached` has the
+        coordinates, and the given ones stay.
+
+        Parameters
+        ----------
+        pace : float
+            Limit of the steps, over the first step that Taylor's method takes by itself.
+        early : ascending durations, shorter than the longest
+            Steps end there. heyoka isolates roots that are not much shorter than a step.
+
+        Returns
+        -------
+        guard, duration, steps
+            Number of the guard, -1 where none is reached within the duration, and -2 where the
+            steps are too many.
+
+        Raises
+        ------
+        Diverged, CannotFollow
+            When the motion runs away, or the steps collapse.
+        """
+        made, steps, guards = self.load(z, sine, cosine), 0, len(self.plan.guards)
+        _, step_limit, time_limit = _outcomes()
+        if pace < math.inf:
+            # a guard may end that step at once
+            pace = max(pace * abs(made.step()[1]), _SHORTEST / self._pars[1])
+            self.load(z, sine, cosine)
+        stations = [*early, longest]
+        limits: dict[str, Any] = {"max_steps": _CHUNK}
+        if self.curves:  # a free flight is a polynomial, which Taylor's method follows for ever
+            pace = min(pace, math.tau / self._pars[1])
+        if pace < math.inf:
+            limits["max_delta_t"] = pace
+        while True:
+            outcome, _, _, count, _, _ = made.propagate_until(stations[0], **limits)
+            steps += count
+            number = int(outcome)
+            if number >= -guards:
+                z[:] = self._z_of
+                return self._events[-1 - number], made.time, steps
+            z_end, time = self._z_of, made.time
+            if number == time_limit:
+                stations.pop(0)
+                if stations:
+                    continue
+                return -1, time, steps
+            if not np.isfinite(z_end).all() or number != step_limit:
+                raise Diverged(f"the motion runs away within {time:.6g} from {z.tolist()}")
+            if time < 1e-9 * steps * min(1.0, longest):
+                raise CannotFollow(
+                    f"the motion from {z.tolist()} cannot be followed: the steps of Taylor's "
+                    f"method collapse to {time / steps:.1e}"
+                )
+            if steps >= _MOST:
+                return -2, time, steps
+
+    @property
+    def reached(self) -> Array:
+        """Coordinates (M,) at the end of the last flight."""
+        return np.array(self._z_of)
+
+    @_alone
+    def coefficients(self, z: Array, sine: float, cosine: float) -> Array:
+        """Taylor coefficients (M, order + 1) of the coordinates at a state."""
+        made = self.load(z, sine, cosine)
+        made.step(max_delta_t=0.0, write_tc=True)
+        return np.array(made.tc[: len(z)])
+
+    def path(self, z: Array, sine: float, cosine: float, longest: float) -> tuple[Array, Array]:
+        """Begins (k + 1,) of steps, and their Taylor coefficients (k, 2 N + J, order + 1), bare."""
+        made, begins, found = self._begun(self._eventless, sine, cosine), [0.0], []
+        made.state[:] = self.bare(z, sine, cosine)
+        (success, _, time_limit), period = _outcomes(), math.tau / self._pars[1]
+        while begins[-1] <= longest:
+            outcome, _ = made.step(max_delta_t=period, write_tc=True)
+            found.append(np.array(made.tc))
+            begins.append(float(made.time))
+            if len(found) > _MOST:
+                raise CannotFollow(f"the motion from {z.tolist()} has too many steps")
+            if int(outcome) not in (success, time_limit):
+                raise Diverged(f"the motion runs away within {made.time:.6g} from {z.tolist()}")
+        return np.array(begins), np.array(found)
+
+    def transition(
+        self, z: Array, sine: float, cosine: float, duration: float
+    ) -> tuple[Array, Array]:
+        """Bare coordinates (m,) after a duration, and derivative (m, m + 1) by those and phase."""
+        made, m = self._begun(self._varied(None), sine, cosine), len(self.to_x) + self._size
+        made.state[:m] = self.bare(z, sine, cosine)
+        made.state[m:] = np.eye(m, m + 1).ravel()
+        _propagate(made, duration, z)
+        return np.array(made.state[:m]), np.array(made.state[m:]).reshape(m, m + 1)
+
+    def gradients(
+        self, z: Array, sine: float, cosine: float, change: Array | None = None, *, rates: bool
+    ) -> Array:
+        """Derivatives of the rates (m,) of bare coordinates, or of the guards (k,).
+
+        By the coordinates and the phase, (..., m + 1), or by a change of the numbers, (...,).
+        """
+        plan = replace(self.plan, carries=False)
+        places, more = None, np.empty(0)
+        if change is not None:
+            places = tuple(np.flatnonzero(change).tolist())
+            plan, more = plan.where(places), np.append(0.0, change[list(places)])
+        made = _gradients(plan, places, rates=rates)
+        pars = np.concatenate([self._pars, more])
+        pars[0] = math.atan2(sine, cosine)
+        bare = self.bare(z, sine, cosine)
+        found = np.asarray(made(bare, pars=pars[: made.nparams], time=0.0))
+        return found if change is not None else found.reshape(-1, len(bare) + 1)
+
+    def changed(
+        self, z: Array, sine: float, cosine: float, duration: float, change: Array
+    ) -> Array:
+        """Change of bare coordinates (m,) after a duration by a change of the numbers."""
+        m = len(self.to_x) + self._size
+        places = tuple(np.flatnonzero(change[: self._unguarded.size]).tolist())
+        made = self._begun(self._varied(places), sine, cosine, 0.0, *change[list(places)])
+        made.state[:m], made.state[m:] = self.bare(z, sine, cosine), 0.0
+        _propagate(made, duration, z)
+        return np.array(made.state[m:])

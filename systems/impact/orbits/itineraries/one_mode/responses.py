@@ -1,0 +1,363 @@
+"""Motions of one mode between impacts: by the periodic responses to all impulses."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from functools import cached_property
+from typing import TYPE_CHECKING, Any, NamedTuple, final
+from weakref import WeakKeyDictionary
+
+import numpy as np
+from scipy.linalg import expm
+
+from dynkit.core.differences import STEP
+from dynkit.core.validation import Array
+from dynkit.systems.impact.modes.free_motion import FreeMotion, free_motion
+from dynkit.systems.impact.modes.mode import Transitions
+from dynkit.systems.impact.modes.structure import Contact
+from dynkit.systems.impact.orbits.flights import Curve
+from dynkit.systems.impact.orbits.itineraries.itinerary import Course
+from dynkit.systems.impact.orbits.itineraries.motion import LATE, ROUNDING, ItinerarySolution, Lap
+from dynkit.systems.impact.orbits.itineraries.one_mode.terms import Terms
+from dynkit.systems.impact.orbits.machine import Machine, Numbers
+from dynkit.systems.impact.simulation.state import TWO_PI
+
+if TYPE_CHECKING:
+    from dynkit.systems.impact.orbits.itineraries.one_mode.response_kernels import Assembled
+    from dynkit.systems.impact.orbits.itineraries.one_mode.watching_kernels import Watched
+
+
+@final
+class Windows:
+    """The gaps of all stops in the free motion, which they share, and what impulses do there.
+
+    Attributes
+    ----------
+    motion : FreeMotion
+    rows : (e, 4, 2 slots)
+        Products with a state are the gap of a stop and its first three derivatives.
+    kicks : (e, 2, slots)
+        Change of the state by an impulse that changes the rate of the gap by one.
+    pushes : (e, 2, slots, 2)
+        Kicks, and their rates of change.
+    turns : (e,)
+        Change of the second derivative of the gap by such an impulse.
+    vectors : (e, 4, 2N)
+        Kick, its rate of change, and rows of the gap and of its rate, of the modes.
+    bounds : (e, 4, 2, slots)
+        Weights of abs(state) that bound the gap, and its derivatives of order 1, 2 and 6, for ever.
+    """
+
+    def __init__(self, contacts: tuple[Contact, ...], signs: tuple[int, ...]) -> None:
+        self.motion: FreeMotion = free_motion(contacts[0])
+        mode = self.motion.mode
+        own = [sign * mode.row(c.row) for c, sign in zip(contacts, signs, strict=True)]
+        rows = [[mode.pairs.derivative_rows(row, k).ravel() for k in range(4)] for row in own]
+        self.rows = np.array(rows)
+        pairs = zip(contacts, signs, strict=True)
+        self.kicks = np.array([sign * mode.placed(c.kick[:2]) for c, sign in pairs])
+        self.bounds = np.array(
+            [[mode.pairs.bound(row, order) for order in (0, 1, 2, 6)] for row in own]
+        )
+        pushed, count = mode.rate(self.kicks), len(contacts)
+        self.turns = (self.rows[:, 2] * self.kicks.reshape(count, -1)).sum(axis=1)
+        self.pushes = np.stack([self.kicks, pushed], axis=-1)
+        seen = self.rows[:, :2].reshape(count, 2, 2, -1)
+        all_four = np.concatenate([self.kicks[:, None], pushed[:, None], seen], axis=1)
+        self.vectors = all_four[..., mode.layout.modes].reshape(count, 4, -1)
+        self._returns: list[tuple[float, tuple[Transitions, Array, Array]]] = []
+
+    def repeated(self, period: float) -> tuple[Transitions, Array, Array]:
+        """Transitions over a period, and states (e, 2, slots) just after an impulse per period.
+
+        And the derivative of these states by the period. Results for the last two periods are kept.
+
+        Raises
+        ------
+        NoSolution
+            When the free motion has this period itself (resonance without damping).
+        """
+        for known, found in self._returns:
+            if known == period:
+                return found
+        found = self.motion.mode.repeated(period, self.kicks)
+        self._returns = [(period, found), *self._returns[:1]]
+        return found
+
+
+_windows: WeakKeyDictionary[Contact, dict[Any, Windows]] = WeakKeyDictionary()
+
+
+def windows_of(oscillator: Any) -> Windows:
+    """The gaps of all stops of an oscillator; kept with its structure."""
+    contacts = oscillator._contacts
+    signs = tuple(stop.sign for stop in oscillator._stops)
+    known = _windows.setdefault(contacts[0], {})
+    key = (tuple(c.row.tobytes() for c in contacts), signs)
+    if key not in known:
+        known[key] = Windows(contacts, signs)
+    return known[key]
+
+
+class Scene(NamedTuple):
+    """Gaps in free motion and the steady response, at some parameters.
+
+    The oscillator has the structure, and may differ in the numbers of its table; the system, as a
+    function, is the one at these parameters.
+    """
+
+    oscillator: Any
+    windows: Windows
+    terms: Terms
+    measures: Array
+    system: Callable[[], Any]
+
+
+@final
+class ResponseSolution(ItinerarySolution):
+    """Impacts of one mode: its states follow from phases and impulses, as periodic responses.
+
+    The impacts need not be in order: each is followed by the one whose phase comes next.
+
+    Parameters
+    ----------
+    scene : Scene
+    course : Course
+    lap : Lap
+    """
+
+    blind = False
+
+    def __init__(self, scene: Scene, course: Course, lap: Lap) -> None:
+        self.windows, self.terms, self.system = scene.windows, scene.terms, scene.system
+        self.mode = scene.windows.motion.mode
+        super().__init__(scene.oscillator, scene.measures, course, lap, scene.terms.frequency)
+        self.turn = TWO_PI * round(float(lap.phases[-1] - lap.phases[0]) / TWO_PI)
+        self.transition, self.kicked, self._moved = self.windows.repeated(self.period)
+
+    @property
+    def period(self) -> float:
+        return float(self.turn / self.clock)
+
+    @cached_property
+    def restitutions(self) -> Array:
+        """Of the stop of each impact, (n,)."""
+        return np.asarray(self.terms.restitutions[self.sides])
+
+    @cached_property
+    def turning(self) -> Any:
+        """exp(i phase), (n,), at the impacts."""
+        return np.exp(1j * self.event_phases)
+
+    # --- responses --------------------------------------------------------------------------------
+
+    @cached_property
+    def assembled(self) -> Assembled:
+        """Responses to all impulses, equations and their derivatives."""
+        from dynkit.systems.impact.orbits.itineraries.one_mode.response_kernels import (
+            Assembled,
+            assemble,
+        )
+
+        mode, out = self.mode, Assembled.of(len(self.sides), self.kicked.shape[1:])
+        own = self.windows.rows, self.kicked, self._moved, self.sides, self.terms.numbers
+        at = self.event_phases, self.impulses, self.clock, self.turn
+        assemble(mode.propagators.ladder, mode.work, *own, *at, out)
+        return out
+
+    def _disturbed(self, multiplier: complex) -> Any:
+        """The same, (3, n, n), where impulses are multiplied from one period to the next."""
+        from dynkit.systems.impact.orbits.itineraries.one_mode.response_kernels import respond
+
+        n, kept = len(self.sides), (self.mode.propagators.ladder, self.mode.work)
+        states = self.transition.periodic(self.windows.kicks, multiplier)
+        out: Any = 0.0
+        for unit in (1.0, 1j) if np.iscomplexobj(states) else (1.0,):
+            part, seen = np.ascontiguousarray((states / unit).real), np.empty((3, n, n))
+            respond(*kept, self.windows.rows, part, self.sides, self.assembled.since, seen)
+            out = out + unit * seen
+        return out * multiplier**self.assembled.turns
+
+    @property
+    def gaps(self) -> Array:
+        """Gaps (3, n) at the impacts, and two derivatives in time just after them."""
+        return self.assembled.gaps
+
+    # --- equations --------------------------------------------------------------------------------
+
+    @property
+    def left(self) -> Array:
+        """What is left of the equations, (m,)."""
+        return self.assembled.left
+
+    def jacobian(self, multiplier: complex) -> Any:
+        """Their derivative D(multiplier), (m, m)."""
+        if multiplier == 1.0:
+            return self.assembled.jacobian
+        n, back = len(self.sides), self._disturbed(multiplier) - self.assembled.responses[:3]
+        out = self.assembled.jacobian.astype(np.result_type(back, multiplier))
+        # Only impulses of other periods are multiplied.
+        rows = out.reshape(2, n, 2 * n)
+        rows[..., :n] -= self.impulses * back[1:] / self.clock
+        rows[..., n:] += back[:2]
+        return out
+
+    @property
+    def rounding(self) -> Array:
+        """Responses grow, and cancel, on the way."""
+        return np.concatenate([self._rounding(0), self._rounding(1)])
+
+    def _rounding(self, order: int) -> Array:
+        """What rounding may make of `gaps`, (n,)."""
+        steady = self.clock**order * abs(self.terms.drives[self.sides])
+        if order == 0:
+            steady = steady + abs(self.assembled.steady[0]).max()
+        rows = abs(self.windows.rows[self.sides, order])
+        free = (self.state_rounding * rows).sum(axis=1)
+        return np.asarray(free + ROUNDING * self.turned * steady)
+
+    @cached_property
+    def state_rounding(self) -> Array:
+        """What rounding may make of the free states, (n, 2 slots).
+
+        Their numbers are rounded, and grow in the periodic response; so are the times in which
+        they change: the period T, with (1 - E)^-1 E times the rate of change for each part of the
+        state (E the transition over T), and the times since the other impacts.
+        """
+        n, slots = len(self.sides), self.kicked.shape[-1]
+        grown = self.transition.amplification(slots)
+        rates = abs(self.mode.rate(self.assembled.spread))
+        rates *= abs(self.impulses)[:, None, None]
+        others = rates * (1.0 - np.eye(n))[..., None, None]
+        late = LATE * self.period * (grown * rates + others).sum(axis=1)
+        own = ROUNDING * self.turned * abs(self.states * np.maximum(1.0, grown))
+        return np.asarray((own + late).reshape(n, -1))
+
+    @property
+    def turned(self) -> float:
+        """How often more than other numbers phases are rounded."""
+        return float(1.0 + abs(self.event_phases).max())
+
+    def change(self, change: tuple[Array, Numbers]) -> Array | None:
+        """Their derivative (m,) by a change of all numbers; None where it is not known."""
+        oscillator, r = self.oscillator, self.restitutions
+        whole, by = change
+        if by.clock_alone and not self.terms.shape.any():
+            return np.asarray(by.frequency * self.assembled.by_frequency)
+        if by.matrices.any():
+            if oscillator.degrees_of_freedom > self.LARGEST:
+                return None
+            return _change(self, whole)
+        terms = self.terms.change(oscillator, by)
+        gaps, rates = terms._replace(frequency=self.clock).gaps(self.sides, self.turning, 2)
+        rates = rates - terms.restitutions[self.sides] / (1.0 + r) ** 2 * self.impulses
+        by_clock = by.frequency * self.assembled.by_frequency
+        return np.asarray(np.concatenate([gaps, rates]) + by_clock)
+
+    # --- states -----------------------------------------------------------------------------------
+
+    @cached_property
+    def states(self) -> Array:
+        """Free states (n, 2, slots) just after each impact."""
+        n = len(self.sides)
+        flat = self.assembled.spread.reshape(n, n, -1)
+        return np.asarray(np.einsum("j,ijs->is", self.impulses, flat).reshape(n, 2, -1))
+
+    @property
+    def lasts(self) -> Array:
+        """Times (n,) from each impact to the one that comes next."""
+        return self.assembled.lasts
+
+    def ends(self, i: int) -> tuple[int, int]:
+        return i, int(self.assembled.following[i])
+
+    @property
+    def whole(self) -> Array:
+        return self._states(self.states, self.turning)
+
+    @property
+    def before(self) -> Array:
+        """Positions and velocities (n, 2N), or more, just before the events."""
+        pushed = self.windows.kicks[self.sides] * self.impulses[:, None, None]
+        return self._states(self.states - pushed, self.turning)
+
+    def passed(self, since: Array) -> Array:
+        times = (self.event_phases - self.event_phases[0]) / self.clock
+        order = np.argsort(times, kind="stable")
+        which = order[np.searchsorted(times[order], since, side="right") - 1]
+        states = self.mode.after(self.states, which, since - times[which])
+        return self._states(states, np.exp(1j * (self.event_phases[0] + self.clock * since)))
+
+    def _states(self, states: Array, turn: Any) -> Array:
+        """Positions and velocities (k, 2N) of free states (k, 2, slots) at exp(i phase), (k,)."""
+        t, mode, turn = self.terms, self.mode, turn[:, None]
+        q, free = states[..., mode.layout.modes], mode.structure.free  # type: ignore[union-attr]
+        position = free.positions(q) + (t.shape * turn).imag + t.still
+        velocity = free.velocities(q) + t.frequency * (t.shape * turn).real
+        return np.concatenate([position, velocity], axis=1)
+
+    # --- what is watched --------------------------------------------------------------------------
+
+    @cached_property
+    def watched(self) -> Watched:
+        """What the gaps of all stops do in the flights."""
+        from dynkit.systems.impact.orbits.flight_kernels import MOST
+        from dynkit.systems.impact.orbits.itineraries.one_mode.watching_kernels import (
+            Watched,
+            watch_gaps,
+        )
+
+        windows, shape = self.windows, (len(self.sides), len(self.terms.rests))
+        numbers, truths = np.empty((4, *shape)), np.empty((2, *shape), bool)
+        out, buffer = Watched(*numbers, *truths), np.empty(22 * (MOST + 1))
+        kept = self.mode.propagators.ladder, self.mode.work, windows.rows, windows.bounds
+        own = self.terms.numbers, self.states, self.event_phases, self.clock
+        watch_gaps(*kept, *own, self.lasts, self.sides, self.assembled.following, buffer, out)
+        return out
+
+    def _curve(self, i: int, element: int, guard: int) -> Curve:  # noqa: ARG002
+        from dynkit.systems.impact.orbits.itineraries.one_mode.response_kernels import follow_gap
+
+        start, phase = self.states[i : i + 1], float(self.event_phases[i])
+
+        def values(since: Array, orders: int) -> Array:
+            kept = self.mode.propagators.ladder, self.mode.work, self.windows.rows
+            numbers, out = self.terms.numbers, np.empty((orders, len(since)))
+            follow_gap(*kept, element, numbers, start, phase, self.clock, since, out)
+            return out
+
+        size, bend, lowest, at = (float(number[i, element]) for number in self.watched[:4])
+        return Curve(values, float(self.lasts[i]), (size, bend), (lowest, at))
+
+    def size_of(self, i: int, element: int, guard: int) -> float:  # noqa: ARG002
+        row = self.oscillator._stops[element].row(self.oscillator.degrees_of_freedom)
+        return float(abs(row).sum() * self.measures[0])
+
+    def acceleration(self, i: int) -> tuple[float, float]:
+        return float(self.gaps[2, i]), float(self._rounding(2)[i])
+
+
+def _change(s: ResponseSolution, change: Array) -> Array:
+    """Derivative (2n,) of the equations by a change of all numbers, of the structure too."""
+    m = Machine(s.system(), change)
+    flow, kicks = m.flow(m.free), [m.kick(m.free, side) for side in range(len(m.elements))]
+    order = np.argsort(s.assembled.since[:, 0])
+    lasts = s.lasts[order] * s.clock / m.frequency
+    d = 2 * m.size
+    first = s.event_phases[0]
+    # what becomes of all states just before the first impact, and of the phase
+    moved = np.eye(d + 3, d + 1, dtype=complex)
+    moved[d:, d] = np.sin(first), np.cos(first), 1.0
+    before = []
+    for i, flight in zip(order.tolist(), lasts, strict=True):
+        before.append(moved.copy())
+        moved[:, d] += s.impulses[i] * kicks[s.sides[i]]
+        moved = expm(flow * flight) @ moved
+    start = np.append(np.linalg.solve(np.eye(d) - moved[:d, :d], moved[:d, d]), 1.0)
+    gaps, rates = np.empty((2, len(order)))
+    for i, block in zip(order.tolist(), before, strict=True):
+        z, side = block @ start, s.sides[i]
+        gaps[i] = (m.gap(side) @ z).imag / STEP
+        left = m.rate(side) @ z + s.impulses[i] / (1.0 + m.restitution(side))
+        rates[i] = left.imag / STEP
+    return np.concatenate([gaps, rates])

@@ -1,0 +1,1 @@
+"""Orbits through several modes: equations by passages from event to event."""

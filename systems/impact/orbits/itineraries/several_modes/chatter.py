@@ -1,0 +1,369 @@
+"""Chatter between an impact of an itinerary and contact: it is simulated, with its derivative."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+from functools import cached_property
+from typing import Any, NamedTuple, final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dynkit.core.differences import STEP
+from dynkit.core.no_motion import NoMotion
+from dynkit.core.validation import Array
+from dynkit.orbits.newton import NoSolution
+from dynkit.systems.impact.elements.element import EventKind
+from dynkit.systems.impact.elements.laws import ImpactLaw
+from dynkit.systems.impact.orbits.itineraries.flying import Flights
+from dynkit.systems.impact.orbits.itineraries.happening import Happening
+from dynkit.systems.impact.orbits.itineraries.itinerary import way
+from dynkit.systems.impact.orbits.machine import Machine, Rubs
+from dynkit.systems.impact.simulation.runs import to_contact
+from dynkit.systems.impact.simulation.state import Motion, beside, state_at, whole_states
+from dynkit.systems.impact.simulation.trajectory import Trajectory, grouped
+
+CHUNK, TAYLOR_CHUNK, MOST = 128, 32, 8192
+"""Impacts of a chatter that are simulated at first, also by Taylor's method, and at most."""
+
+_NEARLY = 1e-3
+"""A chatter nearly completes where its slowest impact is so slow, beside the fastest of all."""
+
+
+class Steps(NamedTuple):
+    """What n flights, and the impacts that end them, make of changes of a state: see `carry`."""
+
+    flown: Array
+    hits: Array
+    which: NDArray[np.intp]
+    movings: Array
+    delays: Array
+    delay: Array
+    more: Array
+
+
+@final
+class Chatter:
+    """The impacts that follow one with a stop until contact with it begins, without that one.
+
+    Where the chatter does not complete, only just, it is cut where its impacts are slowest.
+
+    Parameters
+    ----------
+    oscillator : ImpactMap
+    machine : Machine
+        Of it, real.
+    event : Happening
+        The impact that it follows.
+    flights : tuple of two
+        Those of the chatter, and of contact.
+    state : (D,)
+        Just after that impact, on the stop.
+    fastest : float
+        Largest change of velocity by an impact of the orbit.
+    rebounds : bool
+        Whether that impact does; otherwise contact follows at once.
+
+    Attributes
+    ----------
+    run : Trajectory
+        The impacts (n,), without contact.
+    complete : bool
+    begin : (D,)
+        State with which contact begins.
+    start : (D,)
+        The state just after the impact before.
+
+    Raises
+    ------
+    NoSolution
+        When contact does not follow, not even nearly.
+    """
+
+    def __init__(
+        self,
+        oscillator: Any,
+        machine: Machine,
+        event: Happening,
+        flights: tuple[Flights, Flights],
+        state: Array,
+        fastest: float,
+        rebounds: bool,
+    ) -> None:
+        assert event.kicked is not None
+        self._flights, self._held = flights
+        self.machine, self.element, self.flying = machine, event.element, event.kicked
+        self._rub = [k for k, _ in event.rubs]
+        self.start, self.rebounds = state, rebounds
+        self._kept: tuple[Array, Array, Steps, list[Any]] | None = None
+        self._followed = event._replace(mode=event.kicked)
+        n, rate = machine.size, self._flights.rate_of(self.element, state)[0]
+        speed = rebounds * float(rate)
+        if not (speed >= 0.0 and np.isfinite(state).all()):
+            raise NoSolution("the chatter must begin with an impact that pushes")
+        turn, numbers = state[-3:-1], self.flying.numbers
+        slide = () if oscillator._motion else (k for k in machine.sliders if numbers[k])
+        closed = (*self.flying.held, *slide)
+        x, v = np.append(state[:n], state[2 * n : -3]), beside(oscillator, state[n : 2 * n])
+        try:
+            start = state_at(oscillator, x, v, turn, speed, self.element, Motion.TABLE, closed)
+            self.run = self._to_contact(oscillator, start, fastest)
+        except NoMotion as refusal:
+            raise NoSolution(str(refusal)) from refusal
+        self.begin = self._landed(self._held, self._last)[0]
+
+    def _to_contact(self, oscillator: Any, start: Any, fastest: float) -> Trajectory:
+        count = CHUNK if oscillator._motion is None else TAYLOR_CHUNK
+        while True:
+            run, follows = to_contact(oscillator, start, count)
+            kinds, elements = run.guards[run.switches.guard][:, [3, 1]].T
+            (at,) = np.nonzero((kinds == EventKind.CONTACT) & (elements == self.element))
+            k = int(run.switches.before[at[0]]) if len(at) else run.impacts
+            states = _states(run, k)
+            away = self._lifts_off(run, states)
+            if k < count or follows or away.any() or count >= MOST:
+                break
+            count *= 4
+        follows = follows or len(at) > 0
+        self.complete = follows and not away.any()
+        if follows and run.switches.time[: at[0] if len(at) else None].any():
+            raise NoSolution("nothing else may happen during a chatter")
+        if not self.complete:
+            speeds = run.speeds
+            most = int(np.argmax(away)) if away.any() else k
+            k = int(np.argmin(speeds[: most + 1]))
+            if speeds[k] > _NEARLY * fastest:
+                raise NoSolution("the chatter must be complete")
+        self.after = states[:k]
+        begun = int(np.searchsorted(run.switches.time, 0.0, side="right"))
+        return replace(run.part(0, k), switches=run.switches.until(begun))
+
+    def _lifts_off(self, run: Trajectory, after: Array) -> Any:
+        """Whether each flight before states (n, D) after impacts, (n,), leaves the chatter.
+
+        It is longer than the one before, and nothing holds the mass down to its end. Without
+        rebound there is no chatter, and any flight leaves.
+        """
+        count = len(after)
+        if not self.rebounds:
+            return np.ones(count, dtype=bool)
+        flights = np.diff(run.time[:count], prepend=0.0)
+        bend, change = self._flights.bends(self.element, self._since(after))
+        freed = bend + np.maximum(change, 0.0) * flights >= 0.0
+        longer = flights > np.append(np.inf, flights[:-1])
+        return (freed & longer) | (run.element[:count] != self.element)
+
+    @property
+    def _last(self) -> Array:
+        """The state (D,) just after the last impact."""
+        return self.after[-1] if len(self.after) else self.start
+
+    @cached_property
+    def _flights_last(self) -> Array:
+        """Times (n,) from each impact to the next."""
+        return np.diff(self.run.time, prepend=0.0)
+
+    @cached_property
+    def lasts(self) -> float:
+        """Time until contact begins."""
+        return float(self.run.time[-1]) if self.run.impacts else 0.0
+
+    @cached_property
+    def error(self) -> float:
+        """Largest change of a position or velocity by omission of bounces."""
+        system: Any = self.run.start._system
+        run = system._run(self.run.start, self.run.impacts + 1, store=False)
+        return float(run.chatter_error)
+
+    @property
+    def pressing(self) -> float:
+        """Contact force where contact begins; negative where the chatter does not complete."""
+        force, rate = self._held.force(self.element, self.begin)
+        if self.complete or not self.rebounds:
+            return force
+        # What is left of the velocity is about the square of the force that is missing.
+        speed = float(self.run.speeds[-1])
+        return -math.sqrt(speed * abs(rate))
+
+    def _landed(self, held: Flights, state: Any) -> tuple[Any, Any]:
+        """The state (D,) in contact, put on the stop and caught, and its derivative (D, D)."""
+        put, by = held.begun(self._followed._replace(chatters=True), state)
+        found, caught = held.begun(self._followed._replace(chatters=False), put)
+        return found, caught @ by
+
+    def carried(
+        self, machine: Machine, flights: Flights, held: Flights, changes: Array
+    ) -> tuple[Array, Array]:
+        """Changes (D, k) of the state with which contact begins, and (k,) of the time until then.
+
+        An impact is where the gap is zero, so its time changes. Late in a chatter rates are far
+        below the rounding of velocities, and what a flight changes is far below that of states: the
+        rates that are known are taken, and the gap at the begin of each flight as zero.
+
+        Parameters
+        ----------
+        machine : Machine
+            With imaginary parts where its numbers change, too.
+        flights, held : Flights
+            Of the chatter, and of contact, with these changes.
+        changes : (D, k)
+            Of the state just after the impact before, on the stop.
+        """
+        late = np.zeros(changes.shape[1])
+        if self.run.impacts:
+            from dynkit.systems.impact.orbits.itineraries.several_modes.chatter_kernels import carry
+
+            steps = (_varying_steps if flights.varies else Chatter._steps)(self, machine, flights)
+            changes, delayed = np.array(changes, order="C"), np.empty((2, len(late)))
+            carry(*steps, changes, np.empty_like(changes), delayed)
+            late = delayed[1]
+        landed, by = self._landed(held, self._last)
+        return by @ changes + (landed.imag / STEP)[:, None], late
+
+    def _steps(self, m: Machine, flights: Flights) -> Steps:
+        """See `Steps`; what depends on no changes of the numbers is kept."""
+        moved, rates, steps, parts = self._kept or self._matrices(m, flights)
+        self._kept = moved, rates, steps, parts
+        if not m.changes:
+            return steps
+        since = self._since(self.after)
+        more = np.zeros(since.shape)
+        k, added = self.element, flights.carried(since, self._flights_last)
+        row, gap_changed = m.gap(k).real, m.gap(k).imag / STEP
+        delay = -(added @ row + moved @ gap_changed) / rates
+        r, slopes, r_changed = m.rebounds(k, rates)
+        jumps = -(1.0 + r) * rates
+        for rubs, i, landed, back, put in parts:
+            kick, stop = m.kick(self.flying, k, rubs), m.stopped(self.flying, rubs)
+            faster = landed @ (m.rate(k).imag / STEP)
+            changed = np.outer((1.0 + slopes[i]) * faster + rates[i] * r_changed[i], kick.real)
+            changed -= np.outer(jumps[i], kick.imag / STEP)
+            after = landed + np.outer(jumps[i], kick.real)
+            more[i] = (put @ added[i][:, :, None])[..., 0]
+            more[i] += after @ (stop.imag / STEP).T - changed @ stop.real.T
+            more[i] -= (landed @ gap_changed)[:, None] * back
+        return steps._replace(delay=delay, more=more)
+
+    def _since(self, after: Array) -> Array:
+        """States (n, D) with which flights begin, from those after the impacts at their ends."""
+        return np.concatenate([self.start[None], after])[:-1]
+
+    def _matrices(self, m: Machine, flights: Flights) -> tuple[Array, Array, Steps, list[Any]]:
+        """Those of `_steps`, and parts of them; of impacts with the same slip together."""
+        k, since, parts = self.element, self._since(self.after), list[Any]()
+        row = m.gap(k).real
+        lasts = self._flights_last
+        flown, ends = flights.lifted(since, lasts)
+        moved = (flown @ since[:, :, None])[..., 0]
+        rates = self._rates(m, ends @ m.rate(k).real)
+        delays = -(row @ flown) / rates[:, None]
+        which, movings = np.empty(len(since), dtype=np.intp), np.empty_like(since)
+        r, slopes, _ = m.rebounds(k, rates)
+        jumps = -(1.0 + r) * rates
+        ways = self._ways(flights, ends, jumps)
+        for own in set(map(tuple, ways.tolist())):
+            i = (ways == own).all(axis=1)
+            rubs = tuple(zip(self._rub, own, strict=True))
+            kick, stop = m.kick(self.flying, k, rubs).real, m.stopped(self.flying, rubs).real
+            landed = self.after[i] - np.outer(jumps[i], kick)
+            if 0 in own:  # what the impact took is not in the state after it
+                landed = ends[i]
+            slope = slopes[i]
+            if (slope == slope[0]).all():  # one matrix for all impacts
+                slope = slope[:1]
+            lost = (1.0 + slope)[:, None, None] * np.outer(kick, m.rate(k).real)
+            through = stop @ (np.eye(len(row)) - lost)
+            back = through @ m.shift(k)
+            put = through - back[:, :, None] * row
+            movings[i] = (put @ flights.rates(landed)[:, :, None])[..., 0]
+            which[i] = sum(len(part[-1]) for part in parts) + np.arange(len(landed)) % len(put)
+            parts.append((rubs, i, landed, back, put))
+        hits = np.concatenate([part[-1] for part in parts])
+        none = np.zeros(len(since)), np.zeros(since.shape)
+        return moved, rates, Steps(flown, hits, which, movings, delays, *none), parts
+
+    def _rates(self, m: Machine, near: Array) -> Array:
+        """Rates (n,) of the gap before the impacts, from these to fewer digits."""
+        law: Any = getattr(m.elements[self.element], "restitution", None)
+        if isinstance(law, ImpactLaw):
+            return -law.approach(-near, self.run.log.speed)
+        return np.asarray(-self.run.log.speed / float(m.restitution(self.element).real))
+
+    def _ways(self, flights: Flights, before: Array, jumps: Array) -> NDArray[np.intp]:
+        """Signs (n, f) of slip at the impacts, by what these change: see `Rubs`."""
+        if not self._rub:
+            return np.empty((len(jumps), 0), dtype=np.intp)
+        found = [
+            [
+                way(float(flights.rate_of(k, z)[0].real), flights.takes(k, z) * jump)
+                for k in self._rub
+            ]
+            for z, jump in zip(before, jumps.tolist(), strict=True)
+        ]
+        return np.array(found, dtype=np.intp)
+
+
+def _states(run: Trajectory, count: int) -> Array:
+    """States (count, D) just after the first impacts of a run."""
+    log, system = run.log, run.start._system
+    n = system.degrees_of_freedom
+    out = np.empty((count, n + system._size + 3))
+    phases = run.start.phase + system.frequency * log.time[:count]
+    for number, where in grouped(log.guard[:count]):
+        mode = system._automaton.mode(run.regimes[int(run.guards[number, 0])])
+        states = log.states[:count][where][..., : mode.layout.slots]
+        out[where] = whole_states(mode, states, phases[where])
+    return out
+
+
+def _taken(flights: Any, rubs: Rubs, pushed: tuple[Array, Array], by: Array) -> Any:
+    """Derivative (D, D) after an impact that may take slip velocities, and change (D,) by numbers.
+
+    By the state that still has them, its change, and its derivative.
+    """
+    if all(way for _, way in rubs):
+        return by, pushed[1]
+    state, stopped = flights.stopped(rubs, pushed[0] + 1j * pushed[1])
+    return stopped @ by, state.imag
+
+
+def _varying_steps(chatter: Chatter, machine: Machine, flights: Any) -> Steps:
+    """See `Steps`, where rows and kicks depend on the state.
+
+    A row at the end of a flight differs from that at its begin, where the gap is zero as well. As
+    late in a chatter that difference is far below rounding of rows, it is summed along the flight.
+    So are the differences that changes of the numbers make of the gap.
+    """
+    k, since = chatter.element, chatter._since(chatter.after)
+    lasts = chatter._flights_last
+    (flown, ends), added = flights.lifted(since, lasts), flights.carried(since, lasts)
+    near = [float(flights.rate_of(k, z)[0].real) for z in ends]
+    rates = chatter._rates(machine, np.array(near))
+    r, slopes, r_changed = machine.rebounds(k, rates)
+    ways = chatter._ways(flights, ends, -(1.0 + r) * rates).tolist()
+    turned, moved = flights.rolled(k, since, lasts)
+    n, unit = machine.size, np.eye(since.shape[1])
+    gap_changed = machine.gap(k).imag / STEP
+    found = []
+    for i, rate in enumerate(rates.tolist()):
+        rubs = tuple(zip(chatter._rub, ways[i], strict=True))
+        kick = flights.kick(k, chatter.after[i], rubs)
+        push, pull = (1.0 + r[i]) * kick, (1.0 + slopes[i]) * kick.real
+        # what an impact took is not in the state after it
+        before = ends[i] if 0 in ways[i] else chatter.after[i] + rate * push.real
+        (gap, row), (closing, by_rate) = flights.gap_of(k, before), flights.rate_of(k, before)
+        shift, row = np.zeros(len(before)), row.real
+        shift[:n] = row[:n] / (row[:n] @ row[:n])
+        hit = unit - np.outer(pull, by_rate.real)
+        hit -= (1.0 + r[i]) * rate * flights.turned(k, before, rubs)
+        later = -(row @ flown[i] + turned[i]) / rate
+        delay = -(row @ added[i] + flown[i] @ since[i] @ gap_changed + moved[i]) / rate
+        changed = -rate * (push.imag + STEP * r_changed[i] * kick.real)
+        changed -= hit @ shift * gap.imag + pull * closing.imag
+        hit, changed = _taken(flights, rubs, (before - rate * push.real, changed), hit)
+        put = hit @ (unit - np.outer(shift, row))
+        moving, more = put @ flights.rate(before), put @ added[i] + changed / STEP
+        found.append((put, moving, later, delay, more))
+    hits, *others = map(np.array, zip(*found, strict=True))
+    return Steps(flown, hits, np.arange(len(hits)), *others)

@@ -1,0 +1,308 @@
+"""Where a run by Taylor's method is: its mode, coordinates, phase and clock."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from dynkit.core.validation import Array
+from dynkit.systems.impact.elements.element import IMPACT
+from dynkit.systems.impact.elements.friction import LANDED
+from dynkit.systems.impact.modes.curves import CurvedContact
+from dynkit.systems.impact.modes.taylor.mode import ROUNDING, horner
+from dynkit.systems.impact.simulation.state import TOUCHED, TWO_PI, ImpactState, Motion
+
+if TYPE_CHECKING:
+    from dynkit.systems.impact.modes.taylor.chart import Chart
+    from dynkit.systems.impact.modes.taylor.mode import TaylorMode
+    from dynkit.systems.impact.simulation.driven_structure import DrivenStructure
+
+FLIGHT, BOUNCED, SWITCHED, BOUNCES = range(4)
+"""Of each element: in flight; just after an impact, which may come to rest; just after a switch;
+just after an impact, and it does not come to rest."""
+
+MOTIONS = (Motion.FLIGHT, Motion.TABLE, Motion.RELEASE, Motion.TABLE)
+
+ABOVE = 1e-300
+"""Gap just after an impact: heyoka's search for roots takes an exact zero for the root."""
+
+_RELEASED = 2.0**-80
+"""Gap after a release, and slip after a halt, relative to the largest coordinate and its change."""
+
+_TERMS = 3
+"""Order of the change of coordinates where velocities and accelerations may be zero."""
+
+_ROUNDS = 4
+"""Turns from coordinates to positions and back, after which rounding changes nothing."""
+
+_STEPS = 16.0
+"""Steps of a flight whose roundings the disturbance of one event covers."""
+
+_AHEAD = 1e-7, 1e-5, 1e-3
+"""Parts of a period after which the sign of a guard is looked at that is zero but for rounding."""
+
+
+class Position:
+    """Where a run is: the mode, its coordinates, the phase and the clock."""
+
+    def __init__(
+        self, oscillator: DrivenStructure, start: ImpactState, *, noise: float, seed: int
+    ) -> None:
+        self._oscillator, self._start, self._noise = oscillator, start, noise
+        self._random = np.random.default_rng(seed)
+        self._late = float(self._random.choice((-1.0, 1.0)))
+        self._automaton: Any = oscillator._automaton
+        self._motion = [FLIGHT] * len(oscillator._elements)
+        self._speed = [0.0] * len(oscillator._elements)
+        self._turn = float(start._turn[0]), float(start._turn[1])
+        self._time, self._low, self._longest = 0.0, 0.0, 0.0
+        self._steps, self._left = 0, start.element
+        self._frequency = oscillator.frequency
+        self._period = TWO_PI / oscillator.frequency
+        self._number = 0
+
+    def _enter(self, x: Array, v: Array) -> None:
+        """Take positions and velocities into the coordinates of the present mode."""
+        self._mode: TaylorMode = self._automaton.modes[self._number]
+        v = v[: self._mode.bodies]
+        for k in (*self._mode.held, *self._mode.sticking):
+            if k in self._mode.scene.curves:
+                x, v = self._onto(k, x, v, 0.0)
+        state = self._mode.state(x, v, *self._turn)
+        self._mode.check(state)
+        for k in self._mode.scene.normal:
+            if self._automaton.regimes[self._number][k] == LANDED:
+                self._motion[k] = FLIGHT
+        self._chart: Chart = self._mode.chart(self._left, state)
+        self._z = self._chart.coordinates(x, v, *self._turn)
+        self._mode.settled(self._chart, self._z)
+        self._touch()
+        self._kicks: dict[int, Array | None] = {}
+        self._first, self._fixed = self._automaton.first[self._number], self._mode.constant_kicks
+        events = [self._automaton.guards[self._first + i] for i in range(len(self._mode.guards))]
+        self._plain = all(guard.watch.event == IMPACT for guard in events)
+
+    def _touch(self) -> None:
+        """Gaps of stops that were just left are exactly zero, and their rates are known.
+
+        So is what is left of the springs of sliders that are about to yield, or have just halted.
+        """
+        size = TOUCHED * float(abs(self._z[: self._half]).max())
+        for k, place in self._chart.springs.items():
+            if self._mode.regimes[k].anchored and abs(self._z[place]) <= size:
+                self._z[place] = self._above(SWITCHED)
+                if self._motion[k] == SWITCHED and not math.isnan(self._speed[k]):
+                    self._z[self._half + self._chart.speeds[k]] = 0.0
+        for k, motion in enumerate(self._motion[: len(self._oscillator._stops)]):
+            if motion != FLIGHT and k in self._chart.places and k not in self._mode.held:
+                self._z[self._chart.places[k]] = self._above(motion)
+                self._z[self._half + self._chart.speeds[k]] = self._speed[k]
+
+    def _afresh(self) -> None:
+        """Take the coordinates with which a run from this state begins, where some are doubled."""
+        soft = any(k >= len(self._oscillator._stops) for k in self._mode.scene.curves)
+        carried = self._chart.springs or self._mode.scene.dragged or soft
+        for _ in range(_ROUNDS if carried else 0):
+            before = self._z
+            self._enter(*self._place())
+            if (self._z == before).all():
+                break
+
+    @property
+    def _half(self) -> int:
+        """The number of coordinates of positions, and of velocities."""
+        return len(self._z) // 2
+
+    def _above(self, motion: int) -> float:
+        """A gap or slip that is zero: what rounding of accelerations takes away is far less.
+
+        At rest at zero all coordinates vanish: what they change by in a period counts as well.
+        """
+        if motion != SWITCHED:
+            return ABOVE
+        terms = self._chart.coefficients(self._z, *self._turn)[:, : _TERMS + 1]
+        return _RELEASED * float((abs(terms) * self._period ** np.arange(terms.shape[1])).max())
+
+    def _place(self) -> tuple[Array, Array]:
+        """Positions, with those of sliders, (N + J,), and velocities (N,)."""
+        return self._chart.motion(self._z, *self._turn)
+
+    def _bodies(self) -> tuple[Array, Array]:
+        """Positions and velocities (N,)."""
+        x, v = self._place()
+        return x[: len(v)], v
+
+    def _state(self) -> Array:
+        """The state (2, N + J + 1)."""
+        return self._mode.state(*self._place(), *self._turn)
+
+    def _disturb(self) -> None:
+        """Change all numbers by pseudo-random parts of themselves, and the phase.
+
+        The parts grow with the number of steps of the last flight, each of which is rounded.
+        """
+        if self._noise:
+            noise = self._noise * max(1.0, self._steps / _STEPS)
+            self._z *= 1.0 + noise * self._random.uniform(-1.0, 1.0, self._z.shape)
+            s, c = self._turn
+            angle = noise * float(self._random.uniform(-1.0, 1.0))
+            self._turn = s + angle * c, c - angle * s
+
+    def _pass(self, duration: float) -> None:
+        """Let time pass: the clock, in double-double, and the phase."""
+        self._longest = max(self._longest, duration)
+        total = self._time + duration
+        back = total - self._time
+        low = self._low + ((self._time - (total - back)) + (duration - back))
+        self._time = total + low
+        self._low = low - (self._time - total)
+        angle = self._frequency * duration
+        sine, cosine = math.sin(angle), math.cos(angle)
+        s = self._turn[0] * cosine + self._turn[1] * sine
+        c = self._turn[1] * cosine - self._turn[0] * sine
+        factor = 1.5 - 0.5 * (s * s + c * c)
+        self._turn = s * factor, c * factor
+
+    def _onto(self, k: int, x: Array, v: Array, speed: float) -> tuple[Array, Array]:
+        """Positions (N + J,) and velocities (N,) on an element along a function.
+
+        The gap of a stop has a rate; friction sticks where it is.
+        """
+        x, v, scene = x.copy(), v.copy(), self._mode.scene
+        place, moving, _ = scene.prescribed(k, *self._turn)
+        contact, bodies = CurvedContact(scene.curves[k], len(v)), x[: len(v)]
+        if not any(regime.sticks for regime in scene.elements[k].regimes):
+            contact.put(bodies, place)
+        contact.push(bodies, v, moving + scene.elements[k].sign * speed)
+        return x, v
+
+    def _hold(self, k: int, still: Sequence[int]) -> None:
+        """Put a stop that is hit, and friction that the impact stops, exactly there."""
+        curved = [j for j in (k, *still) if j in self._chart.curves]
+        if not curved:
+            return
+        place = self._place()
+        for j in (*curved, *curved[:-1]):  # gradients need not be at right angles
+            place = self._onto(j, *place, self._speed[k] if j == k else 0.0)
+        self._z = self._chart.coordinates(*place, *self._turn)
+        self._touch()
+
+    def _again(self, element: int) -> None:
+        """In another mode, what did not come to rest may do so."""
+        for k, motion in enumerate(self._motion):
+            if motion == BOUNCES and k != element:
+                self._motion[k] = BOUNCED
+
+    def _canonical(self, k: int) -> None:
+        """The coordinates that a simulation from this state would begin with."""
+        for j, motion in enumerate(self._motion):
+            moves = j < len(self._oscillator._stops) or j in self._chart.springs
+            if j != k and motion != FLIGHT and moves:
+                self._motion[j] = FLIGHT
+        state = self._place()
+        self._z = self._chart.coordinates(*state, *self._turn)
+        self._mode.settled(self._chart, self._z)
+        self._touch()
+        self._afresh()
+
+    def _gaps(self) -> dict[int, tuple[float, float]]:
+        """Gaps of stops in flight, and their rates: positions have fewer digits."""
+        chart, z = self._chart, self._z
+        flying = (k for k in chart.places if self._motion[k] == FLIGHT)
+        return {
+            k: (float(z[chart.places[k]]), float(z[self._half + chart.speeds[k]])) for k in flying
+        }
+
+    def _keep(self, gaps: dict[int, tuple[float, float]]) -> None:
+        """Take these gaps and rates in another mode, of stops that do not hold there."""
+        chart = self._chart
+        for k, (gap, rate) in gaps.items():
+            if k in chart.places and k not in self._mode.held:
+                self._z[chart.places[k]], self._z[self._half + chart.speeds[k]] = gap, rate
+
+    def _kick(self, k: int) -> Array | None:
+        """Change (N,) of the velocity coordinates by a unit jump of the rate of a gap.
+
+        None where no other one changes.
+        """
+        if k in self._kicks:
+            return self._kicks[k]
+        kick: Array | None
+        x = self._bodies()[0]
+        kick = self._chart.kicked(x, self._mode.kick(k, x, math.atan2(*self._turn)))
+        if not np.delete(kick, self._chart.speeds[k]).any():
+            kick = None
+        if self._mode.constant_kicks:
+            self._kicks[k] = kick
+        return kick
+
+    def _where(self) -> tuple[Array, float]:
+        """Positions (N,) and phase."""
+        return self._bodies()[0], math.atan2(*self._turn)
+
+    def _rate_of(self, k: int) -> float:
+        """Rate of the gap of a stop."""
+        if k in self._chart.places:
+            return float(self._z[self._half + self._chart.speeds[k]])
+        return float(self._mode.gap(k, *self._bodies(), *self._turn)[1])
+
+    # --- what is zero at an event -----------------------------------------------------------------
+
+    def _falls(self, i: int) -> bool:
+        """Whether a guard that is zero but for rounding becomes negative: there is no crossing."""
+        coefficients = self._chart.coefficients(self._z, *self._turn)
+        for part in _AHEAD:
+            time = part * self._period
+            angle = self._oscillator.frequency * time
+            turn = self._turn[0] + angle * self._turn[1], self._turn[1] - angle * self._turn[0]
+            z = horner(coefficients, np.array([time]))[0]
+            state = self._mode.state(*self._chart.motion(z, *turn), *turn)
+            value, band = self._mode.watched(i, state)
+            if abs(value) > band:
+                return value < 0.0
+        return False
+
+    def _presses(self, k: int) -> bool:
+        """Whether a stop that is touched without a rate holds: by the gap's next derivative."""
+        found = self._chart.coefficients(self._z, *self._turn)[self._chart.places[k]]
+        a, pushes, given = self._mode.balance(self._state())
+        x, v = self._bodies()
+        row, bend = self._mode.scene.rows_at(x)[k], self._mode.scene.bends(x, v)[k]
+        size = float(abs(row) @ abs(a) + abs(bend)) + float(abs(given).max(initial=0.0))
+        size += float(abs(pushes).max(initial=0.0))
+        if abs(found[2]) > ROUNDING * size:
+            return bool(found[2] < 0.0)
+        w = self._oscillator.frequency
+        if abs(found[3]) > ROUNDING * size * (1.0 + w):
+            return bool(found[3] < 0.0)
+        return True
+
+    def _slow(self, k: int, change: float, stops: bool) -> None:
+        """Change the slip velocity of friction by an impulse, which may stop it."""
+        kick, place = self._kick(k), self._half + self._chart.speeds[k]
+        if kick is None:
+            self._z[place] += change
+        else:
+            self._z[self._half :] += change * kick
+        self._motion[k] = FLIGHT
+        if stops:
+            self._z[place] = 0.0
+
+    def _appear(self, before: int) -> None:
+        """Stops that are no longer lain at have gaps of zero, at rest."""
+        lain = [
+            self._automaton.parts.lain(self._automaton.regimes[m]) for m in (before, self._number)
+        ]
+        for k, (was, lies) in enumerate(zip(*lain, strict=True)):
+            if was and not lies:
+                self._motion[k], self._speed[k] = BOUNCED, 0.0
+
+    def _slide(self, before: int, *, halts: bool) -> None:
+        """Note which sliders another mode begins to hold, or lets slide; and whether at rest."""
+        regimes = self._automaton.regimes
+        for j in self._automaton.parts.sliders:
+            if regimes[before][j] != regimes[self._number][j]:
+                self._motion[j], self._speed[j] = SWITCHED, 0.0 if halts else math.nan

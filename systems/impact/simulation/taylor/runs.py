@@ -1,0 +1,489 @@
+"""Runs of structures whose energies are not quadratic: Taylor's method from event to event."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, Any, final
+
+import numpy as np
+
+from dynkit.core.validation import Array
+from dynkit.systems.impact.elements.element import HALT, IMPACT, JAM, JUMP, REST, SWITCH
+from dynkit.systems.impact.modes.constrained import ContactParadox
+from dynkit.systems.impact.simulation.scrape_kernels import tail, taken
+from dynkit.systems.impact.simulation.scraping import Rub
+from dynkit.systems.impact.simulation.state import TWO_PI, ImpactState, Motion, state_of
+from dynkit.systems.impact.simulation.taylor.chatter import chatter, disturbed
+from dynkit.systems.impact.simulation.taylor.log import Log, repeats
+from dynkit.systems.impact.simulation.taylor.position import (
+    ABOVE,
+    BOUNCED,
+    BOUNCES,
+    FLIGHT,
+    MOTIONS,
+    SWITCHED,
+    Position,
+)
+from dynkit.systems.impact.simulation.trajectory import Ending, Impacts, Switches, Trajectory
+
+if TYPE_CHECKING:
+    from dynkit.systems.impact.simulation.driven_structure import DrivenStructure
+
+_PERIODS = 1000.0
+"""Periods of the forcing without an event after which a run ends, with `Ending.SEARCH_LIMIT`."""
+
+_BRIEF = 1e-8, 1e-4
+"""Parts of a period at which the first steps of a flight end, as a guard may soon be zero."""
+
+_SLOW, _LOW = 0.05, 100.0
+"""Impacts are looked at as parts of a chatter where they are slower than this part of the stop's
+largest velocity, or than so many times the cubic root of the tolerance."""
+
+_AT_ONCE, _SWITCHES = 1000, 1 << 16
+"""Impacts in no time, for each element, and switches without an impact, after which a run ends."""
+
+_TOGETHER = 64.0 * 2.0**-52
+"""Part of the time within which events are at once."""
+
+_PACE = 0.4
+"""Steps of a twin run over the longest step of Taylor's method."""
+
+
+@final
+class TaylorCourse(Position):
+    """A simulation that can be continued in pieces; its bits do not depend on the pieces.
+
+    `noise` is the relative size of pseudo-random disturbances of the start and of the states after
+    events. A disturbed run also takes shorter steps of Taylor's method, so that its distance shows
+    the errors of the method as well.
+
+    Attributes
+    ----------
+    impacts : int
+        Number of impacts so far.
+    ending : Ending
+        Why the simulation ended.
+    cells : int
+        Steps of Taylor's method so far.
+    """
+
+    def __init__(
+        self, oscillator: DrivenStructure, start: ImpactState, *, noise: float, seed: int
+    ) -> None:
+        super().__init__(oscillator, start, noise=noise, seed=seed)
+        self._tolerance = oscillator.chatter_tolerance
+        self.impacts, self.ending, self.cells = 0, Ending.COUNT_REACHED, 0
+        self._chatter_error, self._touches, self._ambiguous, self._at_once = 0.0, 0, -1, 0
+        self._bounce, self._marked, self._searched = 0.0, -1.0, 0.0
+        self._laws = [stop.restitution for stop in oscillator._stops]
+        self._several = len(self._laws) > 1
+        self._strobed = oscillator._strobed and not oscillator._cycled
+        # Faster impacts than a part of this speed are no chatter.
+        moved = max((stop.amplitude for stop in oscillator._stops), default=0.0)
+        slow = max(_SLOW * moved * oscillator.frequency, _LOW * self._tolerance ** (1.0 / 3.0))
+        self._slowly = slow if moved else math.inf
+        self._since, self._last_switches, self._latest = 0.0, 0, start.element
+        self._switches: list[tuple[float, float, float, int, int, Array]] = []
+        self._remaining = self._period
+        if self._strobed:
+            self._remaining = (TWO_PI - start.phase) / oscillator.frequency
+        else:
+            self._motion[start.element] = MOTIONS.index(start.motion)
+            self._speed[start.element] = start.speed
+        self._enter(*start._coordinates)
+        for k in start.closed:
+            self._close(k)
+        self._disturb()
+
+    def _close(self, k: int) -> None:
+        """Enter contact with a stop, or friction, on which the motion starts."""
+        automaton, place = self._automaton, self._place()
+        rests = (i for i, (j, w) in enumerate(self._mode.guards) if (j, w.event) == (k, REST))
+        number = next((self._first + i for i in rests), automaton.guard(self._number, k))
+        guard = automaton.guards[number]
+        if guard.element == k and guard.watch.event in (IMPACT, HALT, REST):
+            self._number = automaton.enter(number)
+            self._enter(*place)
+            self._note(number, 0.0, 0.0)
+
+    # --- the loop ---------------------------------------------------------------------------------
+
+    def advance(self, count: int, *, store: bool) -> Impacts:
+        """Simulate up to `count` further impacts; return their log, empty unless stored."""
+        log, done, strobed = Log(count if store else 0, self._mode), 0, self._oscillator._strobed
+        guards = self._automaton.guards
+        while done < count:
+            try:
+                number = self._next()
+            except ContactParadox:
+                self.ending, number = Ending.PARADOX, None
+            if number is None:
+                break
+            if number >= 0 and guards[number].watch.event != IMPACT:
+                at_once = self._time - self._marked <= _TOGETHER * self._time
+                if at_once or not self._automaton.marks(guards[number]):
+                    continue
+                number, self._marked = guards[number].partner, self._time
+            elif number >= 0:
+                number = self._hit(number)
+                if self._jammed:
+                    break
+            if store:
+                speed = math.nan if strobed else self._speed[self._left]
+                log.note(
+                    self._time, speed, max(number, self._first), self._chart, self._z, self._turn
+                )
+            done += 1
+            self.impacts += 1
+        return log.impacts()
+
+    def _next(self) -> int | None:
+        """Settle, fly, and enter another mode where the guard is no impact: see `_fly`."""
+        self._settle()
+        number = self._fly() if self.ending is Ending.COUNT_REACHED else None
+        if number is None or number < 0:
+            return number
+        guard = self._automaton.guards[number]
+        self._latest = guard.element
+        if guard.watch.event != IMPACT:
+            self._change(number)
+        return number
+
+    def _fly(self) -> int | None:
+        """Fly to the next guard; -1 where a period of the section ends; None where a run ends."""
+        strobed = self._strobed
+        if (self._several or not self._plain) and (number := self._struck()) is not None:
+            return number
+        longest = self._remaining if strobed else _PERIODS * self._period
+        pace = _PACE if self._noise else math.inf
+        early = [] if self._plain and not self._bounce else self._early(longest)
+        chart, (sine, cosine) = self._chart, self._turn
+        with chart.lock:
+            index, duration, steps = chart.fly(self._z, sine, cosine, longest, pace, early)
+            if index == -1:
+                end = chart.reached
+        self.cells, self._steps = self.cells + steps, steps
+        if index == -2 or (index == -1 and not strobed):
+            self.ending = Ending.SEARCH_LIMIT
+            self._searched = self._time + (longest if index == -1 else 0.0)
+            return None
+        self._pass(duration)
+        self._remaining -= duration
+        if index >= 0 and not self._plain and self._goes_back(index, duration):
+            return self._fly()
+        if duration > 2.0**-52 * self._time:
+            self._motion, self._at_once = [FLIGHT] * len(self._motion), 0
+        if index == -1:
+            # The duration of a period is rounded, in all periods alike.
+            self._z, self._remaining = end, self._period
+            self._turn = self._noise * self._late, 1.0
+            self._afresh()
+            self._disturb()
+            return -1
+        return int(self._first + index)
+
+    def _goes_back(self, i: int, duration: float) -> bool:
+        """Whether what has just switched is at zero once more but for rounding."""
+        k, watch = self._mode.guards[i]
+        just = self._motion[k] == SWITCHED and duration < _BRIEF[0] * self._period
+        return just and watch.event == SWITCH and not self._falls(i)
+
+    def _early(self, longest: float) -> list[float]:
+        """Durations at which the first steps of a flight end, below the longest."""
+        most = longest if self._plain and self._chart.curves else _BRIEF[1] * self._period
+        early = [self._bounce] if 0.0 < self._bounce < min(most, longest) else []
+        if self._plain:
+            return early
+        return sorted(early + [t for part in _BRIEF if (t := part * self._period) < longest])
+
+    def _struck(self) -> int | None:
+        """The guard of a stop that is touched and whose gap closes; None for none."""
+        state = self._state()
+        for i, (k, watch) in enumerate(self._mode.guards):
+            if watch.event == IMPACT:
+                value, band = self._mode.watched(i, state)
+                if value <= band and self._rate_of(k) < -band:
+                    return int(self._first + i)
+        return None
+
+    def _note(self, number: int, rest: float, speed: float) -> None:
+        """Note a change of the mode."""
+        self._switches.append((self._time, rest, speed, self.impacts, number, self._state()))
+        if self.impacts != self._since:
+            self._since, self._last_switches = self.impacts, len(self._switches)
+        count = len(self._switches) - self._last_switches
+        if repeats(self._switches, count, phased=self._oscillator._excitation.turns):
+            self.ending = Ending.REPEATS
+        elif count > _SWITCHES:
+            self.ending = Ending.SEARCH_LIMIT
+
+    # --- events -----------------------------------------------------------------------------------
+
+    def _change(self, number: int, *, moved: int = SWITCHED) -> None:
+        """Enter the mode that a guard leads to, at its zero."""
+        guard = self._automaton.guards[number]
+        if guard.watch.event == JAM:
+            self.ending = Ending.JAMMED
+            return
+        k, place, stuck = guard.element, self._place(), self._mode.sticking
+        gaps = self._gaps()
+        before, self._number = self._number, self._automaton.enter(number)
+        sticks = self._oscillator._elements[k].regimes[guard.watch.to].sticks
+        self._motion[k] = FLIGHT if sticks else moved
+        self._speed[k] = 0.0
+        self._slide(before, halts=guard.watch.event in (SWITCH, HALT) and bool(guard.watch.rate))
+        self._appear(before)
+        self._enter(*place)
+        self._keep(gaps)
+        if k in self._chart.springs and not self._mode.regimes[k].anchored:
+            forward = next(w.rate for j, w in self._mode.guards if j == k)
+            place_of, least = self._half + self._chart.speeds[k], self._above(SWITCHED)
+            if self._z[place_of] * forward < least:
+                self._z[place_of] = least * forward
+        if k in stuck and k in self._chart.speeds:
+            forward = next(w.rate for j, w in self._mode.guards if j == k and w.halts)
+            slip = self._above(SWITCHED)
+            self._z[self._half + self._chart.speeds[k]] = slip * forward
+        self._again(k)
+        self._disturb()
+        self._note(number, 0.0, 0.0)
+
+    def _hit(self, number: int) -> int:
+        """Newton's law of impact at a guard; the guard's number, in the mode after it."""
+        automaton, self._bounce = self._automaton, 0.0
+        guard = automaton.guards[number]
+        k = guard.element
+        opens, ambiguous = self._outcome(guard)
+        if len(self._motion) > 1 and (ambiguous or self._together(guard)):
+            self._ambiguous = self.impacts if self._ambiguous < 0 else self._ambiguous
+        while opens >= 0:  # what the impact pulls away from is released first
+            self._change(automaton.guard(self._number, opens), moved=BOUNCED)
+            number = automaton.guard(self._number, k)
+            guard = automaton.guards[number]
+            opens, _ = self._outcome(guard)
+        if not self._fixed and self._automaton.jams(guard, *self._where()):
+            self.ending = Ending.JAMMED
+            return number
+        if self._left != k:
+            self._left = k
+            if k not in self._chart.places:
+                self._enter(*self._place())
+        z, place, n = self._z, self._chart.places[k], self._half
+        rate = min(float(z[n + place]), 0.0)
+        if rate == 0.0:
+            self._touches += 1
+        r = self._restitution(k, -rate)
+        kick = self._kick(k)
+        if kick is not None:
+            z[n:] -= (1.0 + r) * rate * kick
+        still = []
+        for j, ratio in self._scrapes(guard):
+            lost = taken(float(z[n + self._chart.speeds[j]]), -(1.0 + r) * rate * ratio)
+            self._slow(j, *lost)
+            still += [j] if lost[1] else []
+        z[place], z[n + place] = ABOVE, 0.0 - r * rate
+        self._speed[k], self._motion[k] = 0.0 - r * rate, BOUNCED
+        self._hold(k, still)
+        if len(self._motion) > 1:
+            self._canonical(k)
+        self._at_once += 1
+        if self._at_once > _AT_ONCE * len(self._motion):
+            self.ending = Ending.COLLAPSED
+        if self._noise:
+            self._disturb()
+            self._speed[k] = float(self._z[n + place])
+        return number
+
+    def _scrapes(self, guard: Any) -> tuple[Rub, ...]:
+        """Friction at an impact."""
+        if self._fixed:
+            known: tuple[Rub, ...] = guard.scrapes
+            return known
+        found: tuple[Rub, ...] = self._automaton.scrapes(guard, *self._where())
+        return found
+
+    def _tails(self, rubs: Sequence[Rub], series: Array, k: int) -> Any:
+        """Changes of slip as contact takes the place of bounces, and their error; None if open."""
+        found, error, u = list[tuple[int, float, bool]](), 0.0, self._speed[k]
+        r: Any = self._laws[k]
+        second = 2.0 * float(series[self._chart.places[k], 2])
+        for j, ratio in rubs:
+            slip = series[self._half + self._chart.speeds[j]]
+            motion = float(slip[0]), float(slip[1])
+            known, stops, change, moved = tail(ratio, *motion, r, u, second, self._tolerance)
+            if not known:
+                return None
+            error += moved
+            found.append((j, change, stops))
+        return found, error
+
+    def _restitution(self, k: int, speed: float) -> float:
+        law: Any = self._laws[k]
+        if type(law) is float:
+            return law
+        return float(law.at([speed])[0]) if speed > 0.0 else 0.0
+
+    def _together(self, guard: Any) -> bool:
+        """Whether another stop, which an impact pushes or pulls, is reached, too."""
+        state, where = self._state(), self._where()
+        for i, (j, watch) in enumerate(self._mode.guards):
+            if j != guard.element and watch.event == IMPACT:
+                value, band = self._mode.watched(i, state)
+                if value <= band and self._automaton.coupled(guard, j, *where):
+                    return True
+        return False
+
+    @property
+    def _jammed(self) -> bool:
+        return self.ending is Ending.JAMMED
+
+    def _outcome(self, guard: Any) -> tuple[int, bool]:
+        """What an impact opens or moves, and whether it pushes against a closed stop."""
+        if self._fixed:
+            return guard.opens, guard.ambiguous
+        found: tuple[int, bool] = self._automaton.outcome(guard, *self._where())
+        return found
+
+    # --- what follows an event at once ------------------------------------------------------------
+
+    def _settle(self) -> None:
+        """Enter modes until no guard is negative, and nothing that bounced comes to rest."""
+        while self.ending is Ending.COUNT_REACHED:
+            number = None if self._plain else self._jumped()
+            if number is not None:
+                i = number - self._first
+                value, band = self._mode.watched(i, self._state())
+                soft = self._mode.guards[i][1].gap != 0.0 and value < -band
+                self._change(number, moved=FLIGHT if soft else SWITCHED)
+                continue
+            if BOUNCED not in self._motion:
+                return
+            bounced = self._motion.index(BOUNCED)
+            if bounced >= len(self._laws):
+                return
+            if bounced in self._mode.held:
+                self._motion[bounced] = FLIGHT
+                continue
+            self._rest(bounced)
+
+    def _jumped(self) -> int | None:
+        """A guard that is negative at a start, or just after an event; None if none.
+
+        What has just come to a halt is looked at first: where it slips on, others may stick that
+        would not if it stuck.
+        """
+        state, guards, count = self._state(), self._mode.guards, len(self._motion)
+        for i in sorted(range(len(guards)), key=lambda i: (guards[i][0] - self._latest) % count):
+            k, watch = guards[i]
+            if watch.event not in (SWITCH, JUMP) or self._motion[k] == SWITCHED:
+                continue
+            value, band = self._mode.watched(i, state)
+            falls = watch.event == SWITCH and abs(value) <= band and self._falls(i)
+            jumps = watch.event == JUMP or k not in self._chart.springs or not watch.rate
+            if (value < -band and jumps) or falls:  # a slider that halts at a jump still moves
+                return int(self._first + i)
+        return None
+
+    def _rest(self, k: int) -> None:
+        """Decide whether a stop that has just been hit holds: enter contact if it does."""
+        chart, u = self._chart, self._speed[k]
+        self._motion[k] = BOUNCES
+        if u >= self._slowly:
+            return
+        if k not in chart.places:
+            self._left = k
+            self._enter(*self._place())
+            chart = self._chart
+        number = self._automaton.guard(self._number, k)
+        if self._automaton.guards[number].element != k:
+            return
+        rest: float | None = None
+        lost, guard = 0.0, self._automaton.guards[number]
+        loose = False
+        if u == 0.0:  # friction decides only what contact leaves to it
+            loose = any(
+                r and m != SWITCHED for r, m in zip(guard.rubbed, self._motion, strict=True)
+            )
+            rest = 0.0 if loose or self._presses(k) else None
+        else:
+            series = chart.coefficients(self._z, *self._turn)
+            found = series[chart.places[k]]
+            a = -2.0 * float(found[2])
+            if a > 0.0:
+                self._bounce = 4.0 * u / a
+                rubs, state = self._scrapes(guard), self._state()
+                turns = self._automaton.turns(guard, *self._where())
+                given = self._laws[k], self._tolerance, u, found, rubs, turns
+                rest, lost = chatter(self._mode, chart, k, state, *given)
+                if rest is not None:
+                    slows = self._tails(rubs, series, k)
+                    more = u, rest, *given[:2], rubs, guard.rubbed
+                    disturbs = disturbed(self._mode, k, state, *more)
+                    rest = None if slows is None or disturbs else rest
+        if rest is None:
+            return
+        self._bounce = 0.0
+        if u > 0.0:
+            self._chatter_error += lost + slows[1]
+            for change in slows[0]:
+                self._slow(*change)
+            kick = self._kick(k)
+            if kick is not None:
+                self._z[self._half :] -= u * kick
+            self._z[self._half + chart.speeds[k]] = 0.0
+            if self._noise:
+                self._z += lost * self._random.choice((-1.0, 1.0), size=self._z.shape)
+        self._motion[k], self._speed[k] = FLIGHT if loose else SWITCHED, 0.0
+        place = self._place()
+        for j, _, stops in slows[0] if u > 0.0 else ():
+            if stops and j in chart.curves:
+                place = self._onto(j, *place, 0.0)
+        self._number = self._automaton.enter(number)
+        self._left = k
+        self._enter(*place)
+        self._again(k)
+        self._note(number, rest, u)
+
+    # --- the trajectory ---------------------------------------------------------------------------
+
+    def trajectory(self, log: Impacts, seconds: float) -> Trajectory:
+        """The trajectory of all events so far, with a log of impacts."""
+        oscillator, automaton = self._oscillator, self._automaton
+        stops, element = len(oscillator._stops), self._left
+        closed = automaton.parts.holding(automaton.regimes[self._number])
+        hard = [k for k in closed if k < stops]
+        motion, speed = Motion.FLIGHT, 0.0
+        if stops:
+            motion, speed = MOTIONS[self._motion[element]], self._speed[element]
+        if hard and self._motion[element] != BOUNCED:
+            element = element if element in hard else hard[0]
+            motion, speed = Motion.TABLE, 0.0
+        closed = [k for k in closed if k != element or oscillator._strobed]
+        slots, count = self._mode.size, len(self._switches)
+        columns: Any = list(zip(*self._switches, strict=True)) or [()] * 6
+        times, rests, speeds = np.array(columns[:3], dtype=float)
+        before, guards = np.array(columns[3:5], dtype=np.intp)
+        states = np.array(columns[5]).reshape(count, 2, slots + 1)
+        switches = Switches(times, rests, speeds, before, guards, states)
+        turn = np.array(self._turn)
+        return Trajectory(
+            self._start,
+            state_of(
+                oscillator, self._state()[:, :-1], turn, speed, element, motion, tuple(closed)
+            ),
+            log,
+            switches,
+            tuple(automaton.regimes),
+            automaton.table,
+            self.impacts,
+            self.ending,
+            self._chatter_error,
+            self.cells,
+            self._touches,
+            seconds,
+            self._longest,
+            self._time,
+            self._ambiguous,
+            max(self._time, self._searched),
+        )
