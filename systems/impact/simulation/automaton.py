@@ -264,7 +264,7 @@ class Automaton(JoinedModes):
         )
         halts = guard.watch.event == HALT or guard.element in self.parts.sliders
         halts = halts or guard.element in self.parts.normal
-        for k in (k for k in sticking if halts or k in before):
+        for k in (k for k in sticking if (rests if k in before else halts)):
             # The rate is exactly that of the surface.
             layout = self.modes[guard.target].layout
             own = layout.modes[sticking.index(k) - len(sticking)]
