@@ -7,7 +7,7 @@ import pytest
 from scipy.linalg import expm
 
 from dynkit.core.differences import STEP
-from dynkit.systems.impact.orbits.exponentials import changed, gained, lifted
+from dynkit.systems.impact.orbits.exponentials import carried, changed, gained, lifted
 from dynkit.systems.impact.orbits.itineraries.several_modes.chatter_kernels import carry
 
 
@@ -38,10 +38,10 @@ def test_changes_of_a_flow_are_those_of_its_exponential(leading: int) -> None:
     states, times = random.normal(size=(4, 6)), np.array([2.0, 0.5, 1e-3, 1e-9])
     both, complex_flow = np.block([[flow, np.zeros((6, 6))], [change, flow]]), flow + 0j
     complex_flow.imag = STEP * change
+    found = carried(complex_flow, states, times)
     units = np.array([1.0, 2.0, 3.0, 1.0, 0.5, 1.0])
-    given = np.stack([complex_flow] * 4), states, times
-    found = (gained(*given, each) for each in (np.ones(6), units))
-    for z, t, *own, less_one in zip(states, times, *found, lifted(flow, times), strict=True):
+    long = gained(np.stack([complex_flow] * 4), states, times, units)
+    for z, t, *own, less_one in zip(states, times, found, long, lifted(flow, times), strict=True):
         exact = expm(both * t)
         for each in own:
             assert each == pytest.approx(exact[6:, :6] @ z, rel=1e-12, abs=1e-13 * t)

@@ -21,8 +21,8 @@ _FACTORIALS = np.array([math.factorial(k) for k in _POWERS.tolist()], dtype=floa
 _BLOCK = 5
 _WEIGHTS = np.array([1.0 / math.factorial(k) for k in range(4 * _BLOCK)]).reshape(4, _BLOCK)
 
-_LONGEST = 2.0**50
-"""Largest norm of A t."""
+_BRIEF, _LONGEST = 4.0, 2.0**50
+"""Norm of A t up to which a series loses few digits; largest norms."""
 
 
 def lifted(flow: Array, times: Array) -> Array:
@@ -35,6 +35,32 @@ def lifted(flow: Array, times: Array) -> Array:
     weights = (times * 0.5**halvings)[:, None] ** _POWERS / _FACTORIALS
     out = (weights @ powers.reshape(_TERMS, -1)).reshape(len(times), *flow.shape)
     return np.asarray(_squared(out, halvings, 0.0))
+
+
+def carried(flow: Any, states: Array, times: Array) -> Array:
+    """Changes (k, D) of states after times (k,) by the imaginary changes of a flow.
+
+    Series of the states (k, D) at the begin, and of their changes, for times that are not long.
+    """
+    size, out, some = _norm(flow) * times, np.zeros(states.shape), _leading(flow[None])
+    brief, d, count = size <= _BRIEF, len(flow), len(some)
+    if not count:
+        return out
+    if not brief.all():
+        flows = np.broadcast_to(flow, (int((~brief).sum()), *flow.shape))
+        out[~brief] = gained(flows, states[~brief], times[~brief], np.ones(len(flow)))
+    if brief.any():
+        unit = float(times[brief].max()) or 1.0
+        (both,) = _beside(unit * flow[None], some)
+        orders = np.arange(1, 18 + int(4.0 * size[brief].max()))
+        terms = np.zeros((len(orders) + 1, d + count, count))
+        terms[0, d:] = np.eye(count)
+        for k in orders.tolist():
+            np.matmul(both, terms[k - 1] / k, out=terms[k])
+        weights = (times[brief, None] / unit) ** orders
+        moved = weights @ terms[1:, :d].reshape(len(orders), -1)
+        out[brief] = (moved.reshape(-1, d, count) @ states[brief][:, some, None])[..., 0]
+    return out
 
 
 def gained(flows: Any, states: Array, times: Array, measures: Array) -> Array:

@@ -17,7 +17,7 @@ from dynkit.systems.impact.elements.element import Watch
 from dynkit.systems.impact.modes.constrained import pushes
 from dynkit.systems.impact.modes.taylor.mode import FREQUENCY, Path, TaylorMode
 from dynkit.systems.impact.modes.taylor.scene import Scene
-from dynkit.systems.impact.orbits.exponentials import gained, lifted, moved
+from dynkit.systems.impact.orbits.exponentials import carried, lifted, moved
 from dynkit.systems.impact.orbits.machine import Machine, Regimes, Rubs
 
 if TYPE_CHECKING:
@@ -61,8 +61,7 @@ class LinearFlights:
 
     def carried(self, states: Array, times: Array) -> Array:
         """Changes (n, D) of states (n, D) after short flights by those of numbers."""
-        flows = np.broadcast_to(self._flow, (len(times), *self._flow.shape))
-        return gained(flows, states, times, self._measures)
+        return carried(self._flow, states, times)
 
     def observed(self, element: int, guard: int, z: Any) -> tuple[Any, Any]:
         """What an element watches at a state, guard number `guard` of its regime; derivative (D,).
