@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from dynkit import Branch, continue_orbit, equilibrium, periodic_orbit
-from dynkit.systems import SymbolicFlow, SymbolicMap
+from dynkit.systems import ImpactChain, SymbolicFlow, SymbolicMap
 
 
 class DoublingRing(SymbolicMap):
@@ -130,3 +130,15 @@ def test_two_that_pass_within_a_step_are_found_in_either_direction(
     start = periodic_orbit(system.replace(apart=apart, rate=rate), [0.0] * system.dimension)
     branch = continue_orbit(start, "p", bounds=(0.4, 1.7), step=step, largest_step=4.0 * step)
     found_on(branch, kind, [1.0, 1.0 + apart])
+
+
+def test_several_pairs_within_a_step_are_found() -> None:
+    chain = ImpactChain(masses=100, frequency=0.87)
+    start, bounds = chain.periodic_orbit(periods=3), (0.82, 0.95)
+    fine = continue_orbit(start, "frequency", bounds=bounds, step=0.001, largest_step=0.002)
+    branch = continue_orbit(start, "frequency", bounds=bounds)
+    assert len(fine) > 10 * len(branch)
+    assert [found.kind for found in branch.bifurcations] == [it.kind for it in fine.bifurcations]
+    assert len(branch.bifurcations) == 14
+    for found, other in zip(branch.bifurcations, fine.bifurcations, strict=True):
+        assert abs(found.value - other.value) <= found.error + other.error

@@ -42,7 +42,15 @@ def unnoticed(curve: Continuation, points: Sequence[Point]) -> Iterator[tuple[in
         if not math.isnan(part):
             found = _between(curve, points[max(i - 1, 0) : i + 2], part)
             if found:
-                yield i, found
+                yield i, _with_others(curve, points[i], found)
+
+
+def _with_others(curve: Continuation, before: Point, found: list[Point]) -> list[Point]:
+    """Points after the first, and those that separate further pairs between them."""
+    every = [before, *found]
+    for i, after in unnoticed(curve, every):
+        every[i + 1 : i + 2] = after
+    return every[1:]
 
 
 def _between(curve: Continuation, points: Sequence[Point], part: float) -> list[Point]:
