@@ -14,7 +14,7 @@ import numpy as np
 from dynkit.analysis.annotation import LabelInterval, write_intervals
 from dynkit.core.cost import Cost
 from dynkit.core.reprs import Facts, span, table
-from dynkit.core.validation import Array, boolean, finite_array, one_of, unmasked
+from dynkit.core.validation import Array, boolean, finite_array, of_type, one_of, unmasked
 from dynkit.data.dataset import Dataset, described
 from dynkit.data.result import Saved
 from dynkit.plotting.figures import print_style
@@ -77,6 +77,7 @@ class BifurcationDiagram(Saved):
 
     def __post_init__(self) -> None:
         values = finite_array("values", self.values, (None,)).copy()
+        of_type("observables", self.observables, Mapping, "arrays by name")
         if not self.observables:
             raise ValueError("observables must hold at least one; got none")
         observables = {
@@ -109,8 +110,7 @@ class BifurcationDiagram(Saved):
         symbols : mapping of str to str, optional
             As for the class.
         """
-        if not isinstance(sweep, Sweep):
-            raise ValueError(f"sweep must be a Sweep; got {sweep!r}")
+        of_type("sweep", sweep, Sweep, "a Sweep")
         with_labels = boolean("labelled", labelled)
         return cls(
             sweep.parameter,

@@ -19,7 +19,14 @@ from dynkit.analysis.rounding import distinct_iterates, rounding_of
 from dynkit.core.cost import Cost
 from dynkit.core.smooth_map import SmoothMap, checked_map
 from dynkit.core.stretching import Stretching
-from dynkit.core.validation import Array, finite_array, positive, positive_integer, read_only
+from dynkit.core.validation import (
+    Array,
+    finite_array,
+    of_type,
+    positive,
+    positive_integer,
+    read_only,
+)
 from dynkit.data.dataset import Dataset, described
 from dynkit.data.result import Saved
 from dynkit.dynamics.attractor import Attractor
@@ -153,8 +160,7 @@ class LyapunovSpectrum(Saved):
         ValueError
             As the class itself; and when the start is not finite or not of that shape.
         """
-        if not isinstance(flow, Flow):
-            raise ValueError(f"flow must be a Flow; got {flow!r}")
+        of_type("flow", flow, Flow, "a Flow")
         smooth("flow", flow)
         state = finite_array("start", start, (flow.dimension,)).copy()
         duration = positive("interval", interval)

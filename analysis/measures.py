@@ -22,7 +22,7 @@ from dynkit.analysis.running import (
     RunningSpectrum,
 )
 from dynkit.core.cost import Cost
-from dynkit.core.validation import Array, boolean
+from dynkit.core.validation import Array, boolean, of_type
 from dynkit.data import store as stores
 from dynkit.data.result import archive_of, read_result
 from dynkit.dynamics.attractor import Attractor
@@ -196,8 +196,7 @@ def measure(
     >>> bool(abs(found["exponent"].exponents[0] - np.log(2.0)) < 3.0 * found["exponent"].error[0])
     True
     """
-    if not isinstance(stream, Stream):
-        raise ValueError(f"stream must be a Stream, as system.stream() returns; got {stream!r}")
+    of_type("stream", stream, Stream, "a Stream, as system.stream() returns")
     shown, new = boolean("progress", progress), Measures(_checked(measures), stream.keep)
     if store is None:
         box = [new]

@@ -33,6 +33,7 @@ from dynkit.core.validation import (
     finite_array,
     finite_scalar,
     non_negative_integer,
+    of_type,
     one_of,
     positive,
     positive_integer,
@@ -149,6 +150,7 @@ class RunningHistogram(Running):
     _watched: Batches
 
     def __init__(self, observable: str, *, low: float, high: float, bins: int = 100) -> None:
+        of_type("observable", observable, str, "a name")
         self.observable = observable
         self.low, self.high = finite_scalar("low", low), finite_scalar("high", high)
         if not self.low < self.high:

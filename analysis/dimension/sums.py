@@ -18,6 +18,7 @@ from dynkit.core.validation import (
     ascending,
     finite_array,
     non_negative_integer,
+    of_type,
     one_of,
     positive,
     read_only,
@@ -192,6 +193,7 @@ def checked_angles(angles: Mapping[int, float], d: int) -> Mapping[int, float]:
     ValueError
         When there is no such coordinate, or a turn is not positive.
     """
+    of_type("angles", angles, Mapping, "turns of coordinates by number, as {0: 2 * pi}")
     checked = {}
     for index, turn in angles.items():
         if isinstance(index, bool) or not isinstance(index, int | np.integer):

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import time
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import TYPE_CHECKING, Any, ClassVar, final
@@ -23,7 +24,7 @@ from dynkit.continuation.results.solution_curve import SolutionCurve
 from dynkit.continuation.termination import Bound, Ending, Reason
 from dynkit.core.cost import Cost
 from dynkit.core.reprs import Facts
-from dynkit.core.validation import Array, in_interval, regular_array
+from dynkit.core.validation import Array, in_interval, of_type, regular_array
 from dynkit.data.dataset import Dataset
 from dynkit.orbits.equations import Problem
 from dynkit.orbits.events import is_admissible
@@ -232,6 +233,8 @@ def continue_curve(
     True
     """
     began = time.perf_counter()
+    of_type("bifurcation", bifurcation, Bifurcation, "one of a branch's bifurcations")
+    of_type("parameters", parameters, Sequence, "two names")
     asked: tuple[str, ...] = tuple(parameters)
     if len(asked) != 2 or asked[0] == asked[1]:
         raise ValueError(f"parameters must be two names; got {parameters!r}")

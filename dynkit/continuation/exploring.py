@@ -21,7 +21,7 @@ from dynkit.continuation.results.branch import Branch
 from dynkit.continuation.results.membership import Trail
 from dynkit.core.cost import Cost
 from dynkit.core.no_motion import NoMotion
-from dynkit.core.validation import positive_integer
+from dynkit.core.validation import of_type, positive_integer
 from dynkit.dynamics.flow import Flow
 from dynkit.dynamics.map import Map
 from dynkit.engine.executors import WorkerLost, all_finished, finished
@@ -119,8 +119,7 @@ def explore(
     within = checked_bounds("bounds", bounds)
     largest = positive_integer("iterates", iterates), positive_integer("periods", periods)
     budget = positive_integer("calls", calls)
-    if not isinstance(system, Map | Flow):
-        raise ValueError(f"system must be a Map or a Flow; got {system!r}")
+    of_type("system", system, Map | Flow, "a Map or a Flow")
     system.value_of(parameter)
     count = positive_integer("values", values)
     searches: list[Search] = []

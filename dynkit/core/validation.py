@@ -7,6 +7,7 @@ import math
 import os
 from collections.abc import Callable, Iterable
 from functools import cache
+from types import UnionType
 from typing import Any, TypeAlias, TypeGuard, TypeVar
 
 import numpy as np
@@ -189,6 +190,24 @@ def boolean(name: str, value: object) -> bool:
     if isinstance(value, bool | np.bool_):
         return bool(value)
     raise _refusal(name, "be True or False", value)
+
+
+def of_type(name: str, value: object, kind: type | UnionType, what: str) -> None:
+    """Refuse a value of another type than the one that is described.
+
+    Raises
+    ------
+    ValueError
+
+    Examples
+    --------
+    >>> of_type("angles", 0, Sequence, "a sequence of indices")
+    Traceback (most recent call last):
+    ...
+    ValueError: angles must be a sequence of indices; got 0
+    """
+    if not isinstance(value, kind):
+        raise _refusal(name, f"be {what}", value)
 
 
 def one_of(name: str, value: Any, known: Iterable[str]) -> str:

@@ -15,6 +15,7 @@ import numpy as np
 from dynkit._version import __version__
 from dynkit.core.cost import Cost
 from dynkit.core.reprs import system_repr
+from dynkit.core.validation import of_type
 from dynkit.data.atomic_files import whole
 
 if TYPE_CHECKING:
@@ -58,9 +59,11 @@ class Dataset:
     attributes: Mapping[str, str | float]
 
     def __post_init__(self) -> None:
+        of_type("attributes", self.attributes, Mapping, "numbers and texts by name")
         sizes: dict[str, int] = {}
         for group in ("coordinates", "variables"):
             made = {}
+            of_type(group, getattr(self, group), Mapping, "dimensions and values by name")
             for name, (dimensions, values) in getattr(self, group).items():
                 names = (dimensions,) if isinstance(dimensions, str) else tuple(dimensions)
                 array = np.asarray(values)

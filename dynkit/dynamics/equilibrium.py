@@ -10,7 +10,7 @@ import numpy as np
 
 from dynkit.core.cost import Cost
 from dynkit.core.no_motion import NoMotion
-from dynkit.core.validation import Array, finite_array
+from dynkit.core.validation import Array, finite_array, of_type
 from dynkit.dynamics.centre import crossing, small_orbits
 from dynkit.dynamics.flow import Flow, flow_coordinates
 from dynkit.dynamics.poincare_map import PoincareMap
@@ -246,8 +246,7 @@ def equilibrium(flow: Flow, guess: Any) -> Equilibrium:
     >>> [(b.kind.value, round(b.value, 9)) for b in branch.bifurcations if b.kind == "HB"]
     [('HB', 24.736842105), ('HB', 24.736842105)]
     """
-    if not isinstance(flow, Flow):
-        raise ValueError(f"flow must be a Flow; got {flow!r}")
+    of_type("flow", flow, Flow, "a Flow")
     start = finite_array("guess", guess, (flow.dimension,))
     found = find_solution(_near(flow, start), start)
     near = _near(flow, found.unknowns)

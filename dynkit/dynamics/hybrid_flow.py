@@ -13,7 +13,7 @@ import numpy as np
 
 from dynkit.core.differences import numerical_derivative, parameter_difference
 from dynkit.core.no_motion import NoCrossing, TangentCrossing, replaced
-from dynkit.core.validation import Array, finite_array, index_in, positive
+from dynkit.core.validation import Array, finite_array, index_in, of_type, positive
 from dynkit.dynamics.flow import Basis, Crossing, Flow, every_direction
 from dynkit.dynamics.map import Map
 
@@ -189,8 +189,7 @@ class ResetMap(Map):
     angles: Sequence[int] = ()
 
     def __post_init__(self) -> None:
-        if not isinstance(self.flow, HybridFlow):
-            raise ValueError(f"flow must be a HybridFlow, with guard and reset; got {self.flow!r}")
+        of_type("flow", self.flow, HybridFlow, "a HybridFlow, with guard and reset")
         object.__setattr__(self, "time_limit", positive("time_limit", self.time_limit))
         last = self.flow.dimension - 1
         turning = (index_in(f"angles[{i}]", k, 0, last) for i, k in enumerate(self.angles))

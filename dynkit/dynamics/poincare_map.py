@@ -15,6 +15,7 @@ from dynkit.core.validation import (
     finite_array,
     finite_scalar,
     non_negative,
+    of_type,
     one_of,
     positive,
 )
@@ -85,6 +86,8 @@ class PoincareMap(Map):
     level: tuple[str, float] | None = None
 
     def __post_init__(self) -> None:
+        of_type("flow", self.flow, Flow, "a Flow")
+        of_type("section", self.section, PoincareSection, "a PoincareSection")
         smooth("flow", self.flow)
         if self.section.dimension != self.flow.dimension:
             raise ValueError(
@@ -93,6 +96,7 @@ class PoincareMap(Map):
             )
         check_fields(self, time_limit=positive, least_rate=non_negative)
         if self.level is not None:
+            of_type("level", self.level, tuple, "a pair of a name and a value")
             name, value = self.level
             one_of("level", name, self.flow.integrals)
             object.__setattr__(self, "level", (name, finite_scalar(name, value)))

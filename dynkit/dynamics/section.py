@@ -13,6 +13,7 @@ from dynkit.core.validation import (
     finite_array,
     finite_scalar,
     non_negative_integer,
+    of_type,
     positive_integer,
 )
 
@@ -281,6 +282,7 @@ class Stroboscope(PoincareSection):
 
 def _indices(angles: Sequence[int], count: int) -> list[int]:
     """Return the indices of angles among coordinates, checked."""
+    of_type("angles", angles, Sequence | np.ndarray, "a sequence of indices")
     found = []
     for i, angle in enumerate(angles):
         index = non_negative_integer(f"angles[{i}]", angle)

@@ -14,7 +14,7 @@ from dynkit.core.cost import Cost
 from dynkit.core.no_motion import Refused, replaced
 from dynkit.core.parameters import Family
 from dynkit.core.reprs import Facts, largest, system_repr, written
-from dynkit.core.validation import Array, finite_array, one_of, read_only
+from dynkit.core.validation import Array, finite_array, of_type, one_of, read_only
 from dynkit.orbits.equations import KeptSolution, Problem
 from dynkit.orbits.multiplier_errors import multiplier_errors
 from dynkit.orbits.newton import NoSolution
@@ -47,8 +47,7 @@ class FamilyProblem(Problem):
     """
 
     def __init__(self, system: Any, names: Sequence[str] = ()) -> None:
-        if not isinstance(system, Family):
-            raise ValueError(f"system must be a Family; got {system!r}")
+        of_type("system", system, Family, "a Family")
         self._system: Any = system
         self._names = tuple(names)
         self._values = np.array([system.value_of(name) for name in names])
@@ -244,8 +243,7 @@ def find_solution(problem: FamilyProblem, guess: Any) -> FamilySolution:
     >>> branch.closed
     True
     """
-    if not isinstance(problem, FamilyProblem):
-        raise ValueError(f"problem must be a FamilyProblem; got {problem!r}")
+    of_type("problem", problem, FamilyProblem, "a FamilyProblem")
     began = time.perf_counter()
     fixed = problem.free()
     x, history = solve(

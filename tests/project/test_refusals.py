@@ -14,10 +14,15 @@ import pytest
 
 from dynkit import (
     Branch,
+    Dataset,
+    Hyperplane,
     MapAttractor,
     Network,
+    PoincareMap,
+    Stroboscope,
     Sweep,
     basins,
+    continue_curve,
     continue_orbit,
     explore,
     parameter_map,
@@ -29,6 +34,7 @@ from dynkit.analysis import (
     CorrelationDimension,
     LyapunovSpectrum,
     PowerSpectrum,
+    RunningHistogram,
     Sensitivity,
     SpaceTime,
     StroboscopicSection,
@@ -36,7 +42,15 @@ from dynkit.analysis import (
 )
 from dynkit.cli import main
 from dynkit.core.validation import within_memory
-from dynkit.systems import Henon, ImpactChain, ImpactOscillator, Logistic, MatrixOscillator
+from dynkit.systems import (
+    Henon,
+    HenonHeiles,
+    ImpactChain,
+    ImpactOscillator,
+    Logistic,
+    Lorenz,
+    MatrixOscillator,
+)
 
 BRIEF: dict[str, Any] = {"transient": 5, "keep": 5, "progress": False}
 ANY: Any = None
@@ -63,6 +77,47 @@ def masked(*numbers: float) -> Any:
 
 HUGE, MANY = 10**30, 10**12
 CASES: list[tuple[Callable[[], Any], str]] = [
+    # of another type than what is asked for
+    (
+        lambda: continue_curve(branch(), ("rate", "s"), bounds=((2.8, 3.2), (0.9, 1.1))),  # type: ignore[arg-type]
+        "bifurcation must be one of a branch's bifurcations; got <Branch",
+    ),
+    (
+        lambda: PoincareMap(Henon(), Hyperplane([0.0, 1.0]), time_limit=1.0),  # type: ignore[arg-type]
+        "flow must be a Flow; got Henon(",
+    ),
+    (
+        lambda: PoincareMap(Lorenz(), (2, 27.0), time_limit=1.0),  # type: ignore[arg-type]
+        "section must be a PoincareSection; got (2, 27.0)",
+    ),
+    (
+        lambda: PoincareMap(HenonHeiles(), Hyperplane([0, 1, 0, 0]), 50.0, level=0.1),  # type: ignore[arg-type]
+        "level must be a pair of a name and a value; got 0.1",
+    ),
+    (
+        lambda: Hyperplane([0.0, 1.0], angles=1),  # type: ignore[arg-type]
+        "angles must be a sequence of indices; got 1",
+    ),
+    (
+        lambda: Stroboscope(3, angles=1),  # type: ignore[arg-type]
+        "angles must be a sequence of indices; got 1",
+    ),
+    (
+        lambda: CorrelationDimension(np.eye(80), angles=[0]),  # type: ignore[arg-type]
+        "angles must be turns of coordinates by number, as {0: 2 * pi}; got [0]",
+    ),
+    (
+        lambda: BifurcationDiagram("a", [1.0, 2.0], [[1.0], [2.0]]),  # type: ignore[arg-type]
+        "observables must be arrays by name; got [[1.0], [2.0]]",
+    ),
+    (
+        lambda: RunningHistogram(0, low=0.0, high=1.0),  # type: ignore[arg-type]
+        "observable must be a name; got 0",
+    ),
+    (
+        lambda: Dataset([1.0], {}, {}),  # type: ignore[arg-type]
+        "coordinates must be dimensions and values by name; got [1.0]",
+    ),
     # contradictory arguments
     (
         lambda: chain().periodic_orbit(impacts=3, periods=2, phases=[1.0]),
