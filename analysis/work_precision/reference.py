@@ -29,7 +29,7 @@ def reference_impacts(system: Any, start: Any, impacts: int, coarsest: float) ->
     for name in ("state", "simulate"):
         if not hasattr(system, name):
             raise ValueError(f"system must be an ImpactOscillator; got {system!r}")
-    state = system.state() if start is None else start
+    state = system.simulate(impacts=1, start=start).start
     # the state in doubles, as the methods get it, without further digits of the start
     anew = system.state(state.position, state.velocity, state.phase)
     record = system.simulate(impacts=count + 1, start=anew)

@@ -39,6 +39,7 @@ from dynkit.analysis import (
     SpaceTime,
     StroboscopicSection,
     TimeSeries,
+    WorkPrecision,
 )
 from dynkit.cli import main
 from dynkit.core.validation import within_memory
@@ -109,6 +110,10 @@ CASES: list[tuple[Callable[[], Any], str]] = [
     (
         lambda: BifurcationDiagram("a", [1.0, 2.0], [[1.0], [2.0]]),  # type: ignore[arg-type]
         "observables must be arrays by name; got [[1.0], [2.0]]",
+    ),
+    (
+        lambda: WorkPrecision.of(chain(), start=[0.1, 0.2]),
+        "start must be an ImpactState; got [0.1, 0.2]: state(position, velocity) makes one",
     ),
     (
         lambda: RunningHistogram(0, low=0.0, high=1.0),  # type: ignore[arg-type]
