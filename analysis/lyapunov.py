@@ -370,7 +370,7 @@ class LyapunovSpectrum(Saved):
     def __repr__(self) -> str:
         name = self._name
         if "_run" not in vars(self):
-            return f"<LyapunovSpectrum of {name}: {self._iterations} iterates, when asked for>"
+            return f"<LyapunovSpectrum of {name}: {self._iterations} iterates, not computed yet>"
         values, errors = self._exponents
         shown = ", ".join(f"{v:.4g}" for v in values[:3]) + (", ..." if len(values) > 3 else "")
         short = "" if self.resolved else "; too short for its errors"

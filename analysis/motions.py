@@ -34,6 +34,11 @@ def source_of(given: object) -> object:
     return given.as_attractor() if isinstance(given, OffersAttractor) else given
 
 
+def hint(given: object) -> str:
+    """Where a system or a sweep is given in place of an attractor: how to get one."""
+    return ", whose attractor() gives one" if hasattr(given, "attractor") else ""
+
+
 def attractor_of(given: object) -> Attractor:
     """Return the source as an attractor.
 
@@ -44,7 +49,7 @@ def attractor_of(given: object) -> Attractor:
     """
     attractor = source_of(given)
     if not isinstance(attractor, Attractor):
-        raise ValueError(f"attractor must be an Attractor; got {given!r}")
+        raise ValueError(f"attractor must be an Attractor; got {given!r}{hint(given)}")
     if not len(attractor.states):
         raise ValueError("attractor must have a state; got one without impacts")
     return attractor

@@ -96,7 +96,7 @@ class POD(Saved):
 
     def __repr__(self) -> str:
         if "_averages" not in vars(self):
-            return f"<POD about the {self.about}, when asked for>"
+            return f"<POD about the {self.about}, not computed yet>"
         share, rank = f"{100.0 * _SHARE:g} % of the power", self.rank(_SHARE)
         doubt = "" if self.change is None else f"; {self.change}"
         return f"<POD about the {self.about}: {share} in {rank} of {len(self.power)} modes{doubt}>"

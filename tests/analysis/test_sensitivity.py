@@ -67,7 +67,7 @@ def test_a_rotation_keeps_angles_apart() -> None:
 def test_it_is_worked_out_on_demand_with_its_cost_and_error() -> None:
     attractor = MapAttractor(Henon(), np.array([0.1, 0.1]), transient=100, iterations=1)
     found = Sensitivity(attractor, iterations=50)
-    assert repr(found) == "<Sensitivity of Henon: 50 iterations, when asked for>"
+    assert repr(found) == "<Sensitivity of Henon: 50 iterations, not computed yet>"
     assert found.cost.counts == {"iterates": 100}
     assert 0.0 < found.error < 1e-15
     assert "\n" not in repr(found)

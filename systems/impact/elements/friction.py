@@ -94,16 +94,15 @@ class DryFriction(Element):
     def __post_init__(self) -> None:
         super().__post_init__()
         if (self.force is None) is (self.coefficient is None):
-            raise ValueError(
-                "force must be given, or else coefficient; "
-                f"got {self.force!r} and {self.coefficient!r}"
-            )
+            found = "neither" if self.force is None else "both"
+            raise ValueError(f"either force or coefficient must be given; got {found}")
         kinetic = "force" if self.coefficient is None else "coefficient"
         check_fields(self, **{kinetic: non_negative})
         if type(self.normal) is not str or bool(self.normal) is (self.coefficient is None):
-            raise ValueError(
-                f"normal must name a hard stop, beside a coefficient only; got {self.normal!r}"
-            )
+            need = "be given with a coefficient only"
+            if self.coefficient is not None:
+                need = "be the name of the hard stop that the coefficient belongs to"
+            raise ValueError(f"normal must {need}; got {self.normal!r}")
         check_fields(self, velocity=finite_scalar, slope=finite_scalar)
         if self.static is not None:
             check_fields(self, static=finite_scalar)
