@@ -26,21 +26,22 @@ class DryFriction(Element):
     changes w makes it slip, since friction forces are finite and transmit no impulse.
 
     With a coefficient in place of a force, friction acts at the contact with a hard stop. The force
-    is the coefficient times the contact force, and zero while the stop is open. Along functions of
-    the coordinates, both forces act on these times the gradients of their functions: where these
-    are lengths, the coefficient is Coulomb's. An impact at the stop takes as much from w as its
-    impulse times the coefficient can, at most until w is zero (Coulomb's law for impulses).
+    is the coefficient times the contact force, and zero while the stop is open. Friction and stop
+    may act along functions of the coordinates. Their forces then act along the gradients of these
+    functions; if the functions are lengths, the coefficient is Coulomb's. At an impact on the stop,
+    friction has an impulse: the coefficient times the impulse of the impact, or as much as makes w
+    zero if that is less (Coulomb's law for impulses).
 
     Parameters
     ----------
     coordinate, amplitude, phase, name
-        As for every `Element`: the motion of the surface. Along a function of the coordinates the
-        force acts on these times the function's gradient.
+        As for every `Element`; they define the motion of the surface. Along a function of the
+        coordinates, the force on these is the friction force times the function's gradient.
     force : float
         Kinetic friction force, not negative. Either this or `coefficient` is given.
     static : float, optional
         Largest force while it sticks, at least `force`; with a coefficient the static coefficient.
-        By default it equals `force`, or `coefficient`, also where that is changed.
+        By default it equals `force`, or `coefficient`, also after these are changed.
     velocity : float
         Constant velocity of the surface (a belt), added to its harmonic motion.
     slope : float
