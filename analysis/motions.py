@@ -30,13 +30,17 @@ class OffersAttractor(Protocol):
 
 
 def source_of(given: object) -> object:
-    """Return the source as an attractor where it can be converted, otherwise unchanged."""
+    """Return the source as an attractor where it can be converted, otherwise unchanged.
+
+    Raises
+    ------
+    ValueError
+        When the source is a system or a sweep, which has attractors.
+    """
+    if hasattr(given, "attractor"):
+        kinds = "an attractor, a record or an array"
+        raise ValueError(f"source must be {kinds}; got {given!r}, whose attractor() gives one")
     return given.as_attractor() if isinstance(given, OffersAttractor) else given
-
-
-def hint(given: object) -> str:
-    """Where a system or a sweep is given in place of an attractor: how to get one."""
-    return ", whose attractor() gives one" if hasattr(given, "attractor") else ""
 
 
 def attractor_of(given: object) -> Attractor:
@@ -49,7 +53,7 @@ def attractor_of(given: object) -> Attractor:
     """
     attractor = source_of(given)
     if not isinstance(attractor, Attractor):
-        raise ValueError(f"attractor must be an Attractor; got {given!r}{hint(given)}")
+        raise ValueError(f"attractor must be an Attractor; got {given!r}")
     if not len(attractor.states):
         raise ValueError("attractor must have a state; got one without impacts")
     return attractor
