@@ -53,23 +53,23 @@ class LyapunovSpectrum(Saved):
     iterates, a quarter of `iterations`, are left out. Results are computed when first read.
 
     The errors are standard errors, which cover about 68 %, and not bounds. Twice an error is the
-    half-width of a 95 % interval (Student's t) from the slow waves in the logarithms, plus the
-    average error of a single logarithm. Periodic and quasi-periodic motions are recognised by the
-    much faster convergence of weighted averages; their error is the largest distance between these
-    averages over parts of the motion, plus the effect of rounding of the states of a map. Where
-    rounding makes chaos repeat itself, only different states count. The errors are valid when the
-    motion is `resolved`, for its attractor. Where the run changes its regime, for example when
-    transient chaos ends, the errors cover the exponents before and after; see `change`. A transient
-    longer than the run looks like sustained chaos: `settled_label` of the attractor examines more
-    states.
+    half-width of a 95 % interval (Student's t), plus the average error of a single logarithm. The
+    interval comes from the slow waves in the logarithms. Periodic and quasi-periodic motions are
+    recognised by the much faster convergence of weighted averages; their error is the largest
+    distance between these averages over parts of the motion, plus the effect of rounding of the
+    states of a map. Where rounding makes chaos repeat itself, only different states count. The
+    errors are valid when the motion is `resolved`, for its attractor. Where the run changes its
+    regime, for example when transient chaos ends, the errors cover the exponents before and after;
+    see `change`. A transient longer than the run looks like sustained chaos: `settled_label` of the
+    attractor examines more states.
 
     An exponent is minus infinity, with the error zero, where the length of a direction has become
     exactly zero: disturbances along it are forgotten in finite time. In an impact oscillator a
     sticking contact removes two directions, because the position and the velocity of the sticking
     mass are those of the table. Friction that sticks removes one, and so do a slider that slides
     and an impact with restitution zero. A single such event in the run suffices, however rare they
-    are; a run without one has finite last exponents. The other exponents, and the dimension, are
-    the same averages in both cases.
+    are. In a run without such an event the last exponents are finite. The other exponents, and the
+    dimension, are the same averages in both cases.
 
     An exponent is NaN (not resolved) where a direction shrinks to less than a thousand errors of
     the derivatives. For a Poincare map this happens only within one part of a return; see
@@ -376,7 +376,7 @@ class LyapunovSpectrum(Saved):
     def __repr__(self) -> str:
         name = self._name
         if "_run" not in vars(self):
-            return f"<LyapunovSpectrum of {name}: {self._iterations} iterates, when asked for>"
+            return f"<LyapunovSpectrum of {name}: {self._iterations} iterates, not computed yet>"
         values, errors = self._exponents
         shown = ", ".join(f"{v:.4g}" for v in values[:3]) + (", ..." if len(values) > 3 else "")
         short = "" if self.resolved else "; too short for its errors"

@@ -30,7 +30,16 @@ class OffersAttractor(Protocol):
 
 
 def source_of(given: object) -> object:
-    """Return the source as an attractor where it can be converted, otherwise unchanged."""
+    """Return the source as an attractor where it can be converted, otherwise unchanged.
+
+    Raises
+    ------
+    ValueError
+        When the source is a system or a sweep, which has attractors.
+    """
+    if hasattr(given, "attractor"):
+        kinds = "an attractor, a record or an array"
+        raise ValueError(f"source must be {kinds}; got {given!r}, whose attractor() gives one")
     return given.as_attractor() if isinstance(given, OffersAttractor) else given
 
 

@@ -43,9 +43,9 @@ class POD(Saved):
     ----------
     source : ImpactAttractor, ImpactRecord, Attractor or (k, N) array_like
         For an impact attractor or record the average is exact, from the start to the last impact:
-        flights, chatter and contact in closed form, without sampling. It is that of a periodic
-        orbit P(n,m) when a multiple of n impacts was kept. For other attractors the average is that
-        of the states. An array contains samples, one in each row.
+        flights, chatter and contact in closed form, without sampling. If a multiple of n impacts
+        was kept, it is the average of the periodic orbit P(n,m). For other attractors it is the
+        average of the states. An array contains samples, one in each row.
     times : (k,) array_like, optional
         Times of the samples, ascending, for an average by the trapezoidal rule. By default all
         samples have the same weight.
@@ -96,7 +96,7 @@ class POD(Saved):
 
     def __repr__(self) -> str:
         if "_averages" not in vars(self):
-            return f"<POD about the {self.about}, when asked for>"
+            return f"<POD about the {self.about}, not computed yet>"
         share, rank = f"{100.0 * _SHARE:g} % of the power", self.rank(_SHARE)
         doubt = "" if self.change is None else f"; {self.change}"
         return f"<POD about the {self.about}: {share} in {rank} of {len(self.power)} modes{doubt}>"

@@ -11,6 +11,7 @@ from typing import Any, Protocol, final, runtime_checkable
 import numpy as np
 
 from dynkit.analysis.batches import Edges
+from dynkit.analysis.motions import source_of
 from dynkit.analysis.regimes import RegimeChange, regime_change
 from dynkit.core.cost import Cost
 from dynkit.core.validation import Array, ascending, finite_array
@@ -79,6 +80,7 @@ def averages_of(source: object, times: object = None) -> Callable[[], Any]:
         if times is not None:
             raise ValueError("times must not be given with a motion whose averages are exact")
         return partial(source.second_moments, BATCHES)
+    source = source_of(source)
     if isinstance(source, Attractor):
         source = source.states
     samples = finite_array("source", source, (None, None)).copy()

@@ -121,7 +121,7 @@ class Sensitivity(Saved):
     def __repr__(self) -> str:
         name = self._name
         if "_run" not in vars(self):
-            return f"<Sensitivity of {name}: {self._iterations} iterations, when asked for>"
+            return f"<Sensitivity of {name}: {self._iterations} iterations, not computed yet>"
         first, last = self.distances[[0, -1]].tolist()
         return f"<Sensitivity of {name}: {first:.2g} to {last:.2g} in {self._iterations} iterates>"
 

@@ -58,23 +58,23 @@ class CorrelationDimension(Saved):
     r, the exponent is the dimension. Results are computed when they are first read, and once.
 
     The result is the dimension of the set as far as the states resolve it. A periodic orbit meets a
-    section in finitely many points: their dimension is 0 (and that of the orbit in time is 1).
+    section in finitely many points, whose dimension is 0. (The orbit itself has dimension 1.)
     Where no range of radii scales, `outcome` says so and `value` is NaN.
 
     Local slopes may drift over all radii, for example where the density has square-root
     singularities (the logistic map at 4, most maps with a smooth hump). Then `outcome` and the repr
     say that there is no plateau. `value` is the slope of the straightest range, and `error` covers
-    the limit of small radii as far as the drift shows it. A weak drift also increases `error`, and
-    so does a drift that slopes over few octaves cannot exclude. Data rounded to a grid are searched
-    only above 8 steps of the grid.
+    the limit of small radii as far as the drift shows it. A weak drift also increases `error`. So
+    does a possible drift, if slopes over few octaves cannot exclude it. Data rounded to a grid are
+    searched only above 8 steps of the grid.
 
     In quasi-periodic motion all pairs of states of one lag have similar distances, and `error` is
     that of independent lags: more than the actual one. Surfaces of two dimensions need 10,000
     states or more. The label of the attractor tells whether its states are on curves.
 
     A coordinate whose extent is below the radii of the scaling region does not count, and `error`
-    does not cover it. Give an array in units in which all extents are alike where some are far
-    smaller, such as positions of 1e-9 beside a phase.
+    does not cover it. If some extents are far smaller than others, such as positions of 1e-9 beside
+    a phase, give an array in units in which all extents are similar.
 
     Parameters
     ----------

@@ -65,8 +65,8 @@ def continue_orbit(
     bounds : (float, float)
         Least and greatest value of the parameter.
     step : float
-        First distance between points. The unit of the parameter is the distance of the bounds,
-        those of the unknowns are their typical sizes (root mean square).
+        First distance between points. The parameter is measured in units of the distance of the
+        bounds, and the unknowns in units of their typical sizes (root mean square).
     largest_step : float
         Largest distance between points.
     points : int
@@ -84,8 +84,8 @@ def continue_orbit(
     ------
     ValueError
         When the system has no such parameter, the bounds are reversed, or a number is out of range.
-        Also when the orbit lies outside of the bounds, does not solve its equations, has no orbits
-        beside it, or must be admissible and is not.
+        Also when the orbit lies outside of the bounds, does not solve its equations, has no
+        neighbouring orbits, or is inadmissible while `inadmissible` is False.
 
     References
     ----------

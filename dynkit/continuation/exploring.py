@@ -58,7 +58,7 @@ def explore(
     The exploration starts from orbits at several values of the parameter, and continues each one
     that lies on no known branch. So it also finds isolated branches (isolas), and stable orbits
     that a sweep misses. Then it switches, breadth first, to the branches that leave at PD, BP, and
-    GR (orbits of one impact more or fewer). It does so where an orbit next to the bifurcation is
+    GR (orbits of one impact more or fewer), if an orbit next to the bifurcation is
     admissible. The same arguments give the same network.
 
     For a flow it starts from equilibria, and switches at BP and, to periodic orbits, at HB. Each

@@ -34,18 +34,18 @@ def sweep(
     store: str | os.PathLike[str] | None = None,
     progress: bool = True,
 ) -> Sweep:
-    """Simulate the motion at values of a parameter, each from the last state of the one before it.
+    """Simulate the motion at each value of a parameter, from the last state at the value before.
 
     In a simulation, a state on an unstable orbit may stay there, and a symmetric motion stays
-    symmetric. Therefore a following sweep checks the multipliers, or for one hard stop first norms
-    of derivatives, wherever the kept states recur for at least three periods. Where these do not
-    prove that the orbit is stable, the last state is displaced. The displacement, relative to the
-    motion, is the square root of the system's `accuracy` (1.5e-8 for rounding): far above rounding,
-    and far below the motion. The motion is then simulated again, for as many runs (at most 16) as a
-    disturbance of that size needs to grow to the size of the motion. Where instability is not
-    proved and the displaced motion remains near the orbit, the motion before the displacement is
-    kept. `Sweep.displaced` marks displaced motions. Stable motions, however narrow their basins,
-    are never displaced.
+    symmetric. Therefore a following sweep checks the multipliers wherever the kept states recur for
+    at least three periods. (For one hard stop it first checks norms of derivatives.) If these do
+    not prove that the orbit is stable, the last state is displaced. The displacement, relative to
+    the motion, is the square root of the system's `accuracy` (1.5e-8 for rounding): far above
+    rounding, and far below the motion. The motion is then simulated again, for as many runs (at
+    most 16) as a disturbance of that size needs to grow to the size of the motion. Where
+    instability is not proved and the displaced motion remains near the orbit, the motion before the
+    displacement is kept. `Sweep.displaced` marks displaced motions. Stable motions, however narrow
+    their basins, are never displaced.
 
     Parameters
     ----------

@@ -49,8 +49,7 @@ class LagrangianStructure(Extensible, Shown, ABC):
     Equal structures share one derivation in each process. Two structures are equal when their
     classes and their fields are equal (or their attributes, if they are no dataclasses). Fields
     that are named in `structure_independent` may differ, unless an energy of this class uses them.
-    A structure with other fields than
-    numbers, strings, arrays and tuples of these does not share its derivation.
+    A derivation is shared only if all fields are numbers, strings, arrays or tuples of these.
 
     For many bodies write long sums as ``sympy.Add(*terms)``: Python's ``sum`` takes quadratic time.
 

@@ -67,7 +67,7 @@ def test_a_rotation_keeps_angles_apart() -> None:
 def test_it_is_worked_out_on_demand_with_its_cost_and_error() -> None:
     attractor = MapAttractor(Henon(), np.array([0.1, 0.1]), transient=100, iterations=1)
     found = Sensitivity(attractor, iterations=50)
-    assert repr(found) == "<Sensitivity of Henon: 50 iterations, when asked for>"
+    assert repr(found) == "<Sensitivity of Henon: 50 iterations, not computed yet>"
     assert found.cost.counts == {"iterates": 100}
     assert 0.0 < found.error < 1e-15
     assert "\n" not in repr(found)
@@ -98,7 +98,7 @@ def test_bad_arguments_are_refused(distance: float, iterations: int, message: st
 
 
 def test_what_is_no_attractor_is_refused() -> None:
-    with pytest.raises(ValueError, match="attractor must be an Attractor; got Henon"):
+    with pytest.raises(ValueError, match=r"got Henon.*, whose attractor\(\) gives one"):
         Sensitivity(Henon())  # type: ignore[arg-type]
 
 

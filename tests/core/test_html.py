@@ -222,7 +222,7 @@ def test_measures_show_what_they_hold() -> None:
 def test_measures_show_their_numbers_once_they_are_known() -> None:
     spectrum = LyapunovSpectrum(RESULTS["MapAttractor"](), iterations=128)
     page = spectrum._repr_html_()
-    assert "when asked for" in page
+    assert "not computed yet" in page
     assert not Reader(page).rows
     assert "_run" not in vars(spectrum)
     (value,), (error,) = spectrum.exponents, spectrum.error

@@ -72,7 +72,7 @@ REFUSED: list[tuple[Callable[[], Any], str]] = [
     ),
     (
         lambda: start(position=[0.0, 0.0, 0.0]),
-        "velocity[2] must not be below the table's 0.087",
+        "velocity[2] must not be below the velocity 0.087",
     ),
     (lambda: start(position=[0, NAN, 1]), "position[1] must be a finite number; got nan"),
     (lambda: start(position=[0, 1]), "position must have shape (3,); got shape (2,)"),

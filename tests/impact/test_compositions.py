@@ -298,7 +298,7 @@ def v_before(record: Any) -> Any:
 )
 def test_states_beyond_a_stop_are_refused_by_what_it_acts_along(along: Any, what: str) -> None:
     chain = ImpactChain(masses=2, frequency=0.9, elements=[HardStop(along, offset=-0.2)])
-    with pytest.raises(ValueError, match=f"{what} must not be below the table at -0.2; got"):
+    with pytest.raises(ValueError, match=f"{what} must not be below the stop at -0.2; got"):
         chain.state([0.0, -1.0])
     touching = np.array([-0.2, -0.4]) if along == (0, 1) else np.array([0.0, -0.1])
     with pytest.raises(ValueError, match=what.replace("position", "velocity")):

@@ -520,10 +520,10 @@ def test_what_is_measured_of_friction_at_a_contact() -> None:
 @pytest.mark.parametrize(
     ("own", "message"),
     [
-        ({}, "force must be given, or else coefficient"),
-        ({"force": 1.0, "coefficient": 0.5}, "force must be given, or else coefficient"),
-        ({"coefficient": 0.5}, "normal must name a hard stop"),
-        ({"force": 0.5, "normal": "table"}, "normal must name a hard stop"),
+        ({}, "either force or coefficient must be given; got neither"),
+        ({"force": 1.0, "coefficient": 0.5}, "either force or coefficient must be given; got both"),
+        ({"coefficient": 0.5}, "normal must be the name of the hard stop"),
+        ({"force": 0.5, "normal": "table"}, "normal must be given with a coefficient only"),
         ({"coefficient": -0.5, "normal": "table"}, "coefficient must"),
         ({"coefficient": 0.5, "static": 0.4, "normal": "table"}, "less than the coefficient 0.5"),
     ],

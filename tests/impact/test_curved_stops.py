@@ -351,7 +351,7 @@ def test_functions_that_cannot_be_followed_are_named(name: str, message: str) ->
 
 
 def test_a_start_beyond_the_stop_is_refused() -> None:
-    with pytest.raises(Refused, match=r"height of the position must not be below the table"):
+    with pytest.raises(Refused, match=r"height of the position must not be below stop 'floor' at"):
         BOB.state(position=[0.1])
     with pytest.raises(Refused, match="position must be given"):
         _ = Bob(frequency=1.0, elements=floor(offset=3.0)).default_start

@@ -325,7 +325,10 @@ REFUSED: list[tuple[Callable[[], Any], str]] = [
     (lambda: single().replace(amplitude=0.1), "parameter must be one of: frequency, restitution, "),
     (lambda: single().replace(offset=0.1), "; got 'offset'"),
     (lambda: single().state([0.5]), "position[0] must not be above the table at 0.0; got 0.5"),
-    (lambda: single().state([0.0], [0.1]), "velocity[0] must not be above the table's 0.0 when"),
+    (
+        lambda: single().state([0.0], [0.1]),
+        "velocity[0] must not be above the velocity 0.0 of the table when",
+    ),
     (lambda: single().state([0.0, 0.0]), "position must have shape (1,); got shape (2,)"),
     (lambda: single()(np.array([-0.1, 0.0])), "state[0] must not be negative; got -0.1"),
     (lambda: sweep(single(), "side", [1.0]), "parameter must be one of: "),

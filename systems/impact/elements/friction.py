@@ -26,21 +26,22 @@ class DryFriction(Element):
     changes w makes it slip, since friction forces are finite and transmit no impulse.
 
     With a coefficient in place of a force, friction acts at the contact with a hard stop. The force
-    is the coefficient times the contact force, and zero while the stop is open. Along functions of
-    the coordinates, both forces act on these times the gradients of their functions: where these
-    are lengths, the coefficient is Coulomb's. An impact at the stop takes as much from w as its
-    impulse times the coefficient can, at most until w is zero (Coulomb's law for impulses).
+    is the coefficient times the contact force, and zero while the stop is open. Friction and stop
+    may act along functions of the coordinates. Their forces then act along the gradients of these
+    functions; if the functions are lengths, the coefficient is Coulomb's. At an impact on the stop,
+    friction has an impulse: the coefficient times the impulse of the impact, or as much as makes w
+    zero if that is less (Coulomb's law for impulses).
 
     Parameters
     ----------
     coordinate, amplitude, phase, name
-        As for every `Element`: the motion of the surface. Along a function of the coordinates the
-        force acts on these times the function's gradient.
+        As for every `Element`; they define the motion of the surface. Along a function of the
+        coordinates, the force on these is the friction force times the function's gradient.
     force : float
         Kinetic friction force, not negative. Either this or `coefficient` is given.
     static : float, optional
         Largest force while it sticks, at least `force`; with a coefficient the static coefficient.
-        By default it equals `force`, or `coefficient`, also where that is changed.
+        By default it equals `force`, or `coefficient`, also after these are changed.
     velocity : float
         Constant velocity of the surface (a belt), added to its harmonic motion.
     slope : float
@@ -94,16 +95,15 @@ class DryFriction(Element):
     def __post_init__(self) -> None:
         super().__post_init__()
         if (self.force is None) is (self.coefficient is None):
-            raise ValueError(
-                "force must be given, or else coefficient; "
-                f"got {self.force!r} and {self.coefficient!r}"
-            )
+            found = "neither" if self.force is None else "both"
+            raise ValueError(f"either force or coefficient must be given; got {found}")
         kinetic = "force" if self.coefficient is None else "coefficient"
         check_fields(self, **{kinetic: non_negative})
         if type(self.normal) is not str or bool(self.normal) is (self.coefficient is None):
-            raise ValueError(
-                f"normal must name a hard stop, beside a coefficient only; got {self.normal!r}"
-            )
+            need = "be given with a coefficient only"
+            if self.coefficient is not None:
+                need = "be the name of the hard stop that the coefficient belongs to"
+            raise ValueError(f"normal must {need}; got {self.normal!r}")
         check_fields(self, velocity=finite_scalar, slope=finite_scalar)
         if self.static is not None:
             check_fields(self, static=finite_scalar)

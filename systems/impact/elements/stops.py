@@ -14,7 +14,7 @@ from dynkit.systems.impact.elements.laws import Restitution, checked_restitution
 @final
 @dataclass(frozen=True)
 class HardStop(Element):
-    """A rigid stop: an impact changes the rate of its gap from -u to restitution * u.
+    """A rigid stop: an impact changes the rate g' of its gap from -u to restitution * u.
 
     For a pair (i, j) of coordinates, two masses hit each other where x_j - x_i reaches the offset.
     For the name of a method, ``HardStop("height")``, y is the smooth function of the coordinates
@@ -30,7 +30,7 @@ class HardStop(Element):
 
     Examples
     --------
-    Two masses that may come no closer than 0.2 less than at rest:
+    The distance of two masses can shrink by 0.2 at most, from that at rest:
 
     >>> from dynkit.systems import HardStop, ImpactChain
     >>> pair = ImpactChain(masses=2, frequency=1.5, harmonic_forces=[0.0, 0.8], elements=[
@@ -61,7 +61,7 @@ _CLOSED = Regime((Watch(to=0, force=1.0, order=RELEASED),), holds=True)
 class SoftStop(Element):
     """A stop with a spring and a dashpot: its force is max(0, p - k g - c g') for a gap g < 0.
 
-    It never pulls: where the dashpot would pull, the mass has lifted off before the gap opens.
+    It never pulls: the mass lifts off when the force becomes zero, even if g < 0.
 
     Parameters
     ----------
@@ -71,15 +71,15 @@ class SoftStop(Element):
     stiffness, damping : float
         k and c, not negative.
     preload : float
-        p, not negative: the spring is compressed when it is met, and the force jumps to p there. A
-        mass that begins at g = 0 and at rest there stays, by a force from 0 to p, until more would
-        be needed, or less. One that comes there with a velocity crosses g = 0 more and more often,
-        and a motion that does so without end stops with a name (`record.ending`). One of k, c and p
-        is positive; with p alone the force is constant.
+        p, not negative: the spring is already compressed when a mass meets it, so the force jumps
+        to p. A mass that begins at rest at g = 0 stays there as long as this needs a force between
+        0 and p. A mass that arrives with a velocity may cross g = 0 more and more often, without
+        end; then the motion ends, and `record.ending` says so. At least one of k, c and p must be
+        positive. With p alone the force is constant.
 
     Examples
     --------
-    Two masses whose first one runs into a cushion, the second one above a vibrating table:
+    The first of two masses hits a cushion, the second one a vibrating table:
 
     >>> from dynkit.systems import HardStop, ImpactChain, SoftStop
     >>> machine = ImpactChain(masses=2, frequency=0.9, elements=[

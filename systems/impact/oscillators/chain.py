@@ -36,7 +36,9 @@ class ImpactChain(ImpactOscillator):
     contact : int
     side : str
     harmonic_forces, constant_forces : array_like, shape (N,)
-        As for `ImpactOscillator`.
+    elements : sequence of Element
+        As for `ImpactOscillator`. The elements (`HardStop`, `SoftStop`, `DryFriction`, `Jenkins`)
+        replace the table.
 
     Raises
     ------

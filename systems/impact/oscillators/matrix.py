@@ -30,8 +30,8 @@ class MatrixOscillator(ImpactOscillator):
         the elements of K is exactly zero: a rigid body.
     frequency, ... : as for `ImpactOscillator`
 
-    A subclass may add terms to the energies, as those of springs that are not linear, to
-    ``super().potential(x)``.
+    A subclass may add terms to the energies, such as ``super().potential(x) + x[0] ** 4``, for
+    springs that are not linear.
 
     Raises
     ------

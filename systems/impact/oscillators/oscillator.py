@@ -75,8 +75,8 @@ class ImpactOscillator(ImpactMap):
     chatter_tolerance : float
         The last bounces of a chatter are replaced by contact when this changes no position or
         velocity by more than the tolerance, to leading order; with 0 they never are. Within the
-        omitted bounces the position of the contact mass is accurate to a thousand times the
-        tolerance. The record's ``chatter_error`` is the sum of these changes.
+        omitted bounces the error of the position of the contact mass is at most a thousand times
+        the tolerance. The record's ``chatter_error`` is the sum of these changes.
     elements : sequence of Element, optional
         Any number of elements such as `HardStop`, `SoftStop`, `DryFriction` and `Jenkins`, in place
         of the table. Each acts on a coordinate, between two coordinates, or along any row of
@@ -166,7 +166,7 @@ class ImpactOscillator(ImpactMap):
         keep: int | None = None,
         impacts: int | None = None,
     ) -> ImpactAttractor:
-        """Return the motion after a transient: the impacts that follow the skipped ones.
+        """Simulate, skip a transient, and return the motion after it.
 
         Parameters
         ----------

@@ -138,6 +138,13 @@ def _stands(oscillator: DrivenStructure) -> Iterable[tuple[HardStop, Contact]]:
     return zip(oscillator._stops, oscillator._contacts, strict=True)
 
 
+def _called(oscillator: DrivenStructure, stop: HardStop) -> str:
+    """The stop as messages name it."""
+    if not oscillator.elements:
+        return "the table"
+    return f"stop {stop.name!r}" if stop.name else "the stop"
+
+
 def start(
     oscillator: DrivenStructure,
     position: object,
@@ -166,14 +173,16 @@ def start(
         word = "below" if stop.sign > 0 else "above"
         if gap < -rounding:
             what = along(stop, "position")
-            raise Refused(f"{what} must not be {word} the table at {table}; got {place}")
+            name = _called(oscillator, stop)
+            raise Refused(f"{what} must not be {word} {name} at {table}; got {place}")
         if gap <= rounding:
             rounding = 4.0 * 2.0**-53 * (abs(row) @ abs(v) + abs(speed))
             if u < -rounding:
                 what = along(stop, "velocity")
+                name = _called(oscillator, stop)
                 raise Refused(
-                    f"{what} must not be {word} the table's {speed} when the mass is on "
-                    f"the table; got {moving}"
+                    f"{what} must not be {word} the velocity {speed} of {name} when the mass is "
+                    f"on it; got {moving}"
                 )
             on[side] = 0.0 if u <= rounding else u
         first = first if side else abs(u)
@@ -230,7 +239,8 @@ def entered(oscillator: DrivenStructure, start: ImpactState) -> ImpactState:
             place, table = seen_along(contact, x, v)[1], stop.swing(*turn.tolist()) + stop.offset
             if stop.sign * (place - table) < 0.0:
                 word = "below" if stop.sign > 0 else "above"
-                raise Refused(f"start must not be {word} the table at {table}; got {place}")
+                name = _called(oscillator, stop)
+                raise Refused(f"start must not be {word} {name} at {table}; got {place}")
         sticks = sticking(oscillator, x, v, turn, ())
         x, v = placed(oscillator, x, start.sliders), beside(oscillator, v)
         return state_at(oscillator, x, v, turn, u, 0, Motion.FLIGHT, sticks)
