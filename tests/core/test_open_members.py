@@ -115,7 +115,7 @@ def use_map(kind: Any, folder: Path) -> None:
     found = basins(system, np.array([[start, [0.5, 0.0]]]), **run)
     found.plot()
     plt.close("all")
-    assert LyapunovSpectrum(system.attractor(start=start)).exponents.max() < 0.0
+    assert LyapunovSpectrum(system.attractor(start=start), iterations=128).exponents.max() < 0.0
     repr(orbit)
     unstable = periodic_orbit(kind(a=0.5), start).states[0]
     sweep(system, "a", [0.5], start=unstable, **(run | {"transient": 2}))
@@ -183,7 +183,7 @@ def use_flow(kind: Any, folder: Path) -> None:
         assert returns.replace(strength=0.9).parameters["strength"] == 0.9
     rest = equilibrium(flow, [0.01, 0.99, 0.0, 0.0])
     continue_orbit(rest, "strength", bounds=(0.9, 1.1)).save(folder / "branch.h5")
-    found = LyapunovSpectrum.of_flow(flow, [0.1, 0.1, 0.3, 0.1], interval=1.0, iterations=128)
+    found = LyapunovSpectrum.of_flow(flow, [0.1, 0.1, 0.3, 0.1], interval=0.1, iterations=128)
     assert np.isfinite(found.exponents).all()
 
 

@@ -28,8 +28,6 @@ from tests.flows.cases import BITS, followed_in_many_digits, taylor
 from tests.impact.curved_cases import Bob, floor
 from tests.impact.taylor_cases import Bead, DoublePendulumAtAStop
 
-pytestmark = pytest.mark.usefixtures("optimised")
-
 JOINT = Jenkins(0, stiffness=2.0, force=0.2, name="joint")
 DUFFING = ImpactDuffing(frequency=0.9, force=0.6, elements=[JOINT])
 SYSTEMS: dict[str, Any] = {
@@ -72,6 +70,7 @@ SYSTEMS: dict[str, Any] = {
 }
 
 
+@pytest.mark.usefixtures("optimised")
 def test_a_hysteresis_loop_is_masings() -> None:
     # G. Masing, Proc. 2nd Int. Congress for Applied Mechanics, Zurich 1926, 332-335: a branch of
     # the loop is the virgin curve, twice as large. Friction that never slips moves the pendulum.
@@ -95,6 +94,7 @@ def test_a_hysteresis_loop_is_masings() -> None:
     assert lost == pytest.approx(forces * (11 * first + last), abs=1e-11)
 
 
+@pytest.mark.usefixtures("optimised")
 def test_a_slider_under_a_cubic_spring_is_that_of_sixty_digits() -> None:
     record = DUFFING.simulate(impacts=3, start=DUFFING.state([0.1], [0.3], 0.0, [0.05]))
     k, f, c, w, drive = (arb(value) for value in (2.0, 0.2, 0.1, 0.9, 0.6))

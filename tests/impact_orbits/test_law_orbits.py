@@ -214,6 +214,6 @@ def test_a_branch_that_sticks_is_followed_in_a_number_of_the_law() -> None:
 def test_slow_impacts_of_what_sticks_meet_the_jump_of_the_law() -> None:
     orbit = sticking_orbit("plastic")
     speeds = orbit.impulses[orbit._solution.restitutions > 0.0] / 1.6
-    branch = continue_orbit(orbit, "restitution.velocity", bounds=(0.01, 1.2 * speeds.min()))
+    branch = continue_orbit(orbit, "restitution.velocity", bounds=(0.049, 1.2 * speeds.min()))
     jumps = [b for b in branch.bifurcations if "jump of the law" in b.touching]
     assert any(abs(jump.value - speeds.min()) < 1e-10 for jump in jumps)
