@@ -23,7 +23,7 @@ from dynkit.engine import collecting
 from dynkit.systems import Logistic
 from tests.sweeps.cases import CHAIN, FREQUENCIES, SHORT
 
-KILLS, ROUNDS, WRITERS = 100, 10, 4
+KILLS, ROUNDS, WRITERS = 200, 10, 4
 MOMENTS: list[tuple[str, float]] = [
     ("fsync", 1),  # the first file is written, but not yet in its place
     ("replace", 9),
@@ -64,7 +64,7 @@ def forked(work: Callable[..., None], *arguments: Any) -> int:
 
 
 def kill(folder: Path, seed: int) -> dict[str, Any]:
-    """Kill sweeps of one store, each going on where the last was killed, until `KILLS` are dead."""
+    """Kill sweeps of one store, each going on where the last was killed, until 200 are dead."""
     store, draw = folder / "x.h5", random.Random(seed)
     collecting._LEAST_INTERVAL, collecting._SHARE = 0.0, np.inf
     for _ in range(2):  # the first imports

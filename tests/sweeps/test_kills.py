@@ -44,7 +44,7 @@ def kills(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Any]:
     return found
 
 
-def test_a_hundred_were_killed_before_and_while_they_wrote(kills: dict[str, Any]) -> None:
+def test_two_hundred_were_killed_before_and_while_they_wrote(kills: dict[str, Any]) -> None:
     killed = kills["killed"]
     assert len(killed) == KILLS
     assert any(NEW in each["left"] for each in killed)
