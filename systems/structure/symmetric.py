@@ -14,6 +14,7 @@ from dynkit.core.validation import Array
 from dynkit.systems.structure.double_double import (
     DoubleDouble,
     add,
+    plus,
     quick_two_sum,
     scale,
     two_product,
@@ -206,8 +207,12 @@ class SymmetricMatrix:
 
 def product_with(a: Array, b: DoubleDouble) -> DoubleDouble:
     """Product of a matrix of doubles with one of double-doubles, to double-double accuracy."""
-    low = a @ b.low
-    return add(exact_slices_product(a, b.high), DoubleDouble(low, np.zeros_like(low)))
+    return plus(exact_slices_product(a, b.high), a @ b.low)
+
+
+def product(a: DoubleDouble, b: DoubleDouble) -> DoubleDouble:
+    """Product of two matrices of double-doubles, to double-double accuracy."""
+    return plus(exact_slices_product(a.high, b.high), a.high @ b.low + a.low @ b.high)
 
 
 def exact_slices_product(a: Array, b: Array) -> DoubleDouble:

@@ -11,7 +11,12 @@ from typing import final
 
 import numpy as np
 
+from dynkit.systems.impact.modes.schur_forms.refinement import refined_schur
 from dynkit.systems.structure.double_double import DoubleDouble
+from dynkit.systems.structure.symmetric import product
+
+# Up to this order, the QR iteration in double-double arithmetic is as fast as the refinement.
+_LARGE = 50
 
 
 @final
@@ -38,6 +43,8 @@ class SchurForm:
         n = len(matrix.high)
         self._t = np.stack(matrix)
         self._q = np.stack([np.eye(n), np.zeros((n, n))])
+        if n >= _LARGE:
+            self._refine(matrix, start)
         room = max(n, 5)
         self._scratch = Scratch(
             np.zeros((2, room)),
@@ -54,6 +61,17 @@ class SchurForm:
             self.size.append(2 if k + 1 < n and self._t[0, k + 1, k] != 0.0 else 1)
             k += self.size[-1]
         self.order = list(range(len(self.size)))
+
+    def _refine(self, matrix: DoubleDouble, start: int) -> None:
+        """Begin with the refined form of LAPACK, if there is one: few blocks are left to split."""
+        rest = np.s_[start:, start:]
+        refined = refined_schur(DoubleDouble(*(part[rest] for part in matrix)))
+        if refined is None:
+            return
+        beside = product(DoubleDouble(*(part[:start, start:] for part in matrix)), refined[1])
+        for part, form, vectors, above in zip((0, 1), *refined, beside, strict=True):
+            self._t[part][rest], self._t[part, :start, start:] = form, above
+            self._q[part][rest] = vectors.T
 
     def lead(self, numbers: Sequence[int]) -> tuple[DoubleDouble, DoubleDouble]:
         """Put blocks first, in the order given.
@@ -78,3 +96,46 @@ class SchurForm:
             DoubleDouble(*self._q[:, :m].transpose(0, 2, 1).copy()),
             DoubleDouble(*self._t[:, :m, :m].copy()),
         )
+
+    def each(self) -> list[tuple[DoubleDouble, DoubleDouble] | None]:
+        """What `lead` returns for every block alone, by number, and leaves their order as it is.
+
+        None where it overflows: the block hardly differs from one before it.
+        """
+        from dynkit.systems.impact.modes.schur_forms.schur_kernels import fill_subspaces
+
+        n = len(self._t[0])
+        w = np.zeros((2, n, n))
+        with np.errstate(over="ignore", invalid="ignore"):
+            fill_subspaces(self._t, w, self._scratch)
+        finite = np.isfinite(w).all(axis=(0, 1)) & (np.abs(w[0]).max(axis=0) < _HUGE)
+        w[:, :, ~finite] = 0.0
+        q = DoubleDouble(*self._q.transpose(0, 2, 1).copy())
+        v = product(q, DoubleDouble(*w))
+        out: list[tuple[DoubleDouble, DoubleDouble] | None] = [None] * len(self.size)
+        k = 0
+        for number in self.order:
+            own = slice(k, k + self.size[number])
+            if finite[own].all():
+                block = DoubleDouble(*self._t[:, own, own])
+                out[number] = _orthonormal(columns(v, own), block)
+            k = own.stop
+        return out
+
+
+def _orthonormal(basis: DoubleDouble, matrix: DoubleDouble) -> tuple[DoubleDouble, DoubleDouble]:
+    """Orthonormal basis V = basis R^-1, and R matrix R^-1, for one vector or two."""
+    n = len(basis.high)
+    first = columns(basis, np.s_[:1])
+    a = _length(first)
+    first = divide(first, a)
+    if basis.high.shape[1] == 1:
+        return first, matrix
+    second = columns(basis, np.s_[1:])
+    b = column_sums(multiply(first, second))
+    second = add(second, negative(multiply(first, b)))
+    c = _length(second)
+    vectors = (np.concatenate(parts, axis=1) for parts in zip(first, divide(second, c), strict=True))
+    zero = DoubleDouble(np.zeros(1), np.zeros(1))
+    r = _square(a, b, zero, c)
+    ...
