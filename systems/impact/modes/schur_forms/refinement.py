@@ -16,10 +16,12 @@ import numpy as np
 
 from dynkit.core.validation import Array
 from dynkit.systems.structure.double_double import DoubleDouble, plus
-from dynkit.systems.structure.symmetric import product
+from dynkit.systems.structure.symmetric import FULL, product
 
 # The square of this rotation is below double-double rounding: no step follows.
 _NEGLIGIBLE = 2.0**-54
+# A step from a larger rotation leaves more than the error of products in half the precision.
+_ROUGH = 2.0**-26
 # Steps that turn farther than this (radians) diverge more often than not.
 _FARTHEST = 0.25
 _MOST_STEPS = 12
@@ -37,20 +39,22 @@ def refined_schur(matrix: DoubleDouble) -> tuple[DoubleDouble, DoubleDouble] | N
     block = np.cumsum(np.append(True, np.diagonal(form, -1) == 0.0))
     below = block[:, None] > block
     one, q = np.eye(len(form)), DoubleDouble(vectors, np.zeros_like(vectors))
+    farthest = 1.0
     for _ in range(_MOST_STEPS):
+        precision = FULL if farthest <= _ROUGH else FULL // 2
         transposed = DoubleDouble(q.high.T.copy(), q.low.T.copy())
-        gram = plus(product(transposed, q), -one).high
-        t = product(transposed, product(matrix, q))
+        gram = plus(product(transposed, q, precision), -one).high
+        t = product(transposed, product(matrix, q, precision), precision)
         t = plus(t, -0.5 * (gram @ t.high + t.high @ gram))
         x = _rotation(np.where(below, 0.0, t.high), np.where(below, t.high, 0.0))
         # Cayley's transform of a skew-symmetric matrix is orthogonal; this is what it adds to 1.
-        x = np.linalg.solve(one - 0.5 * (x - x.T), x - x.T)
-        farthest = float(np.abs(x).max())
+        turn: Array = np.linalg.solve(one - 0.5 * (x - x.T), x - x.T)
+        farthest = float(np.abs(turn).max())
         if not farthest <= _FARTHEST:
             return None
-        q = plus(q, q.high @ (x - 0.5 * gram))
-        if farthest <= _NEGLIGIBLE:
-            t = plus(t, t.high @ x - x @ t.high)
+        q = plus(q, q.high @ (turn - 0.5 * gram))
+        if precision == FULL and farthest <= _NEGLIGIBLE:
+            t = plus(t, t.high @ turn - turn @ t.high)
             return DoubleDouble(*(np.where(below, 0.0, part) for part in t)), q
     return None
 

@@ -12,11 +12,21 @@ from typing import final
 import numpy as np
 
 from dynkit.systems.impact.modes.schur_forms.refinement import refined_schur
-from dynkit.systems.structure.double_double import DoubleDouble
+from dynkit.systems.structure.double_double import (
+    DoubleDouble,
+    add,
+    column_sums,
+    divide,
+    multiply,
+    negative,
+    square_root,
+)
 from dynkit.systems.structure.symmetric import product
 
 # Up to this order, the QR iteration in double-double arithmetic is as fast as the refinement.
 _LARGE = 50
+# A basis (X, 1) with larger elements than this loses as many digits when it is orthonormalised.
+_STEEPEST = 2.0**20
 
 
 @final
@@ -97,45 +107,61 @@ class SchurForm:
             DoubleDouble(*self._t[:, :m, :m].copy()),
         )
 
-    def each(self) -> list[tuple[DoubleDouble, DoubleDouble] | None]:
-        """What `lead` returns for every block alone, by number, and leaves their order as it is.
+    def alone(self) -> dict[int, tuple[DoubleDouble, DoubleDouble]]:
+        """What `lead` returns for single blocks, by number; the order of the blocks remains.
 
-        None where it overflows: the block hardly differs from one before it.
+        Blocks that hardly differ from one before them are left out.
         """
         from dynkit.systems.impact.modes.schur_forms.schur_kernels import fill_subspaces
 
-        n = len(self._t[0])
-        w = np.zeros((2, n, n))
-        with np.errstate(over="ignore", invalid="ignore"):
-            fill_subspaces(self._t, w, self._scratch)
-        finite = np.isfinite(w).all(axis=(0, 1)) & (np.abs(w[0]).max(axis=0) < _HUGE)
-        w[:, :, ~finite] = 0.0
-        q = DoubleDouble(*self._q.transpose(0, 2, 1).copy())
-        v = product(q, DoubleDouble(*w))
-        out: list[tuple[DoubleDouble, DoubleDouble] | None] = [None] * len(self.size)
-        k = 0
-        for number in self.order:
-            own = slice(k, k + self.size[number])
-            if finite[own].all():
-                block = DoubleDouble(*self._t[:, own, own])
-                out[number] = _orthonormal(columns(v, own), block)
-            k = own.stop
-        return out
+        w = np.zeros_like(self._t)
+        fill_subspaces(self._t, w, self._scratch)
+        sizes = [self.size[number] for number in self.order]
+        starts = np.cumsum([0, *sizes[:-1]])
+        steep = ~(np.maximum.reduceat(np.abs(w[0]).max(axis=0), starts) <= _STEEPEST)
+        w[:, :, np.repeat(steep, sizes)] = 0.0
+        vectors = product(DoubleDouble(*self._q.transpose(0, 2, 1).copy()), DoubleDouble(*w))
+        found = {}
+        for size in (1, 2):
+            chosen = np.flatnonzero((np.array(sizes) == size) & ~steep)
+            place = starts[chosen] + np.arange(size)[:, None]
+            basis = DoubleDouble(*(part[:, place] for part in vectors))
+            blocks = DoubleDouble(*(part[place[:, None], place] for part in self._t))
+            own, matrices = _orthonormal(basis, blocks)
+            for k, i in enumerate(chosen.tolist()):
+                found[self.order[i]] = (
+                    DoubleDouble(*(part[..., k].copy() for part in own)),
+                    DoubleDouble(*(part[..., k].copy() for part in matrices)),
+                )
+        return found
 
 
 def _orthonormal(basis: DoubleDouble, matrix: DoubleDouble) -> tuple[DoubleDouble, DoubleDouble]:
-    """Orthonormal basis V = basis R^-1, and R matrix R^-1, for one vector or two."""
-    n = len(basis.high)
-    first = columns(basis, np.s_[:1])
-    a = _length(first)
-    first = divide(first, a)
-    if basis.high.shape[1] == 1:
-        return first, matrix
-    second = columns(basis, np.s_[1:])
-    b = column_sums(multiply(first, second))
-    second = add(second, negative(multiply(first, b)))
-    c = _length(second)
-    vectors = (np.concatenate(parts, axis=1) for parts in zip(first, divide(second, c), strict=True))
-    zero = DoubleDouble(np.zeros(1), np.zeros(1))
-    r = _square(a, b, zero, c)
-    ...
+    """Orthonormal V = basis R^-1, and R matrix R^-1, R upper triangular.
+
+    Shapes (n, m, count) and (m, m, count), m = 1 or 2.
+    """
+    first, *others = (DoubleDouble(*(x[:, j] for x in basis)) for j in range(basis.high.shape[1]))
+    a = square_root(column_sums(multiply(first, first)))
+    first = divide(first, _row(a))
+    if not others:
+        return _stacked([first], 1), matrix
+    b = column_sums(multiply(first, others[0]))
+    second = add(others[0], negative(multiply(first, _row(b))))
+    c = square_root(column_sums(multiply(second, second)))
+    second = divide(second, _row(c))
+    p, q, r, t = (DoubleDouble(*(x[i, j] for x in matrix)) for i in (0, 1) for j in (0, 1))
+    change = multiply(r, divide(b, a))
+    p, apart = add(p, change), add(add(t, negative(p)), negative(change))
+    q = divide(add(multiply(a, q), multiply(b, apart)), c)
+    r, t = multiply(r, divide(c, a)), add(t, negative(change))
+    turned = _stacked([_stacked([p, q], 0), _stacked([r, t], 0)], 0)
+    return _stacked([first, second], 1), turned
+
+
+def _row(x: DoubleDouble) -> DoubleDouble:
+    return DoubleDouble(x.high[None], x.low[None])
+
+
+def _stacked(parts: list[DoubleDouble], axis: int) -> DoubleDouble:
+    return DoubleDouble(*(np.stack(part, axis=axis) for part in zip(*parts, strict=True)))
