@@ -38,7 +38,8 @@ def refined_schur(matrix: DoubleDouble) -> tuple[DoubleDouble, DoubleDouble] | N
     form, vectors = schur(matrix.high)
     block = np.cumsum(np.append(True, np.diagonal(form, -1) == 0.0))
     below = block[:, None] > block
-    one, q = np.eye(len(form)), DoubleDouble(vectors, np.zeros_like(vectors))
+    one: Array = np.eye(len(form))
+    q = DoubleDouble(vectors, np.zeros_like(vectors))
     farthest = 1.0
     for _ in range(_MOST_STEPS):
         precision = FULL if farthest <= _ROUGH else FULL // 2
@@ -48,7 +49,8 @@ def refined_schur(matrix: DoubleDouble) -> tuple[DoubleDouble, DoubleDouble] | N
         t = plus(t, -0.5 * (gram @ t.high + t.high @ gram))
         x = _rotation(np.where(below, 0.0, t.high), np.where(below, t.high, 0.0))
         # Cayley's transform of a skew-symmetric matrix is orthogonal; this is what it adds to 1.
-        turn: Array = np.linalg.solve(one - 0.5 * (x - x.T), x - x.T)
+        skew = x - x.T
+        turn = np.asarray(np.linalg.solve(one - 0.5 * skew, skew), dtype=np.float64)
         farthest = float(np.abs(turn).max())
         if not farthest <= _FARTHEST:
             return None
