@@ -89,6 +89,12 @@ def add(x: DoubleDouble, y: DoubleDouble) -> DoubleDouble:
     return quick_two_sum(first.high, low.low + first.low)
 
 
+def plus(x: DoubleDouble, y: Array) -> DoubleDouble:
+    """Sum of a double-double array and an array of doubles."""
+    high = two_sum(x.high, y)
+    return quick_two_sum(high.high, x.low + high.low)
+
+
 def negative(x: DoubleDouble) -> DoubleDouble:
     """The array with its sign changed."""
     return DoubleDouble(-x.high, -x.low)

@@ -112,8 +112,26 @@ def derivations() -> Iterator[Line]:
         yield Line(what, energies, "from matrices to modes", matrices)
 
 
+def new_modes(n: int = 300) -> Iterator[Line]:
+    """The first impact of a chain, with its modes, where dashpots couple them."""
+    chains = dict(gradings(n))
+    plain = ImpactChain(masses=n, damping=DAMPING, frequency=FREQUENCY)
+    chosen = ("dashpots 0.05 to 0.15, random", "dashpots 0.01 to 0.2, linear")
+    for system in dict(gradings(40)).values():  # compiles
+        system.simulate(impacts=1)
+    calls = [
+        partial(system.simulate, impacts=1)
+        for system in (plain, *(chains[name] for name in chosen))
+    ]
+    reference, *others = (seconds for seconds in in_turns(*calls, runs=1))
+    for name, seconds in zip(chosen, others, strict=True):
+        what = f"first impact and new modes, {n} masses, {name}"
+        yield Line(what, seconds, "damping proportional to the springs", reference)
+
+
 def structures() -> Iterator[Line]:
     """All lines of this file."""
     yield from complex_modes()
+    yield from new_modes()
     yield from generic_contact()
     yield from derivations()

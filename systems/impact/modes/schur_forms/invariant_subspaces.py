@@ -104,7 +104,13 @@ def clusters_of(coordinates: EnergyCoordinates) -> list[Cluster]:
     clusters = _rigid_pairs(form, coordinates) if rigid else []
     used = {number for cluster in clusters for number in cluster.numbers}
     others = [number for number in range(len(form.size)) if number not in used]
-    clusters += [Cluster.of(form, [number], rigid) for number in others]
+    alone = form.alone()
+    clusters += [
+        Cluster([number], *alone[number], form.size[number] % 2)
+        if number in alone
+        else Cluster.of(form, [number], rigid)
+        for number in others
+    ]
     while len(clusters) > 1:
         basis = np.concatenate([cluster.vectors.high for cluster in clusters], axis=1)
         ends = np.cumsum([len(cluster.matrix.high) for cluster in clusters])

@@ -11,7 +11,22 @@ from typing import final
 
 import numpy as np
 
-from dynkit.systems.structure.double_double import DoubleDouble
+from dynkit.systems.impact.modes.schur_forms.refinement import refined_schur
+from dynkit.systems.structure.double_double import (
+    DoubleDouble,
+    add,
+    column_sums,
+    divide,
+    multiply,
+    negative,
+    square_root,
+)
+from dynkit.systems.structure.symmetric import product
+
+# Up to this order, the QR iteration in double-double arithmetic is as fast as the refinement.
+_LARGE = 50
+# A basis (X, 1) with larger elements than this loses as many digits when it is orthonormalised.
+_STEEPEST = 2.0**20
 
 
 @final
@@ -38,6 +53,8 @@ class SchurForm:
         n = len(matrix.high)
         self._t = np.stack(matrix)
         self._q = np.stack([np.eye(n), np.zeros((n, n))])
+        if n >= _LARGE:
+            self._refine(matrix, start)
         room = max(n, 5)
         self._scratch = Scratch(
             np.zeros((2, room)),
@@ -54,6 +71,17 @@ class SchurForm:
             self.size.append(2 if k + 1 < n and self._t[0, k + 1, k] != 0.0 else 1)
             k += self.size[-1]
         self.order = list(range(len(self.size)))
+
+    def _refine(self, matrix: DoubleDouble, start: int) -> None:
+        """Begin with the refined form of LAPACK, if there is one: few blocks are left to split."""
+        rest = np.s_[start:, start:]
+        refined = refined_schur(DoubleDouble(*(part[rest] for part in matrix)))
+        if refined is None:
+            return
+        beside = product(DoubleDouble(*(part[:start, start:] for part in matrix)), refined[1])
+        for part, form, vectors, above in zip((0, 1), *refined, beside, strict=True):
+            self._t[part][rest], self._t[part, :start, start:] = form, above
+            self._q[part][rest] = vectors.T
 
     def lead(self, numbers: Sequence[int]) -> tuple[DoubleDouble, DoubleDouble]:
         """Put blocks first, in the order given.
@@ -78,3 +106,62 @@ class SchurForm:
             DoubleDouble(*self._q[:, :m].transpose(0, 2, 1).copy()),
             DoubleDouble(*self._t[:, :m, :m].copy()),
         )
+
+    def alone(self) -> dict[int, tuple[DoubleDouble, DoubleDouble]]:
+        """What `lead` returns for single blocks, by number; the order of the blocks remains.
+
+        Blocks that hardly differ from one before them are left out.
+        """
+        from dynkit.systems.impact.modes.schur_forms.schur_kernels import fill_subspaces
+
+        w = np.zeros_like(self._t)
+        fill_subspaces(self._t, w, self._scratch)
+        sizes = [self.size[number] for number in self.order]
+        starts = np.cumsum([0, *sizes[:-1]])
+        steep = ~(np.maximum.reduceat(np.abs(w[0]).max(axis=0), starts) <= _STEEPEST)
+        w[:, :, np.repeat(steep, sizes)] = 0.0
+        vectors = product(DoubleDouble(*self._q.transpose(0, 2, 1).copy()), DoubleDouble(*w))
+        found = {}
+        for size in (1, 2):
+            chosen = np.flatnonzero((np.array(sizes) == size) & ~steep)
+            place = starts[chosen] + np.arange(size)[:, None]
+            basis = DoubleDouble(*(part[:, place] for part in vectors))
+            blocks = DoubleDouble(*(part[place[:, None], place] for part in self._t))
+            own, matrices = _orthonormal(basis, blocks)
+            for k, i in enumerate(chosen.tolist()):
+                found[self.order[i]] = (
+                    DoubleDouble(*(part[..., k].copy() for part in own)),
+                    DoubleDouble(*(part[..., k].copy() for part in matrices)),
+                )
+        return found
+
+
+def _orthonormal(basis: DoubleDouble, matrix: DoubleDouble) -> tuple[DoubleDouble, DoubleDouble]:
+    """Orthonormal V = basis R^-1, and R matrix R^-1, R upper triangular.
+
+    Shapes (n, m, count) and (m, m, count), m = 1 or 2.
+    """
+    first, *others = (DoubleDouble(*(x[:, j] for x in basis)) for j in range(basis.high.shape[1]))
+    a = square_root(column_sums(multiply(first, first)))
+    first = divide(first, _row(a))
+    if not others:
+        return _stacked([first], 1), matrix
+    b = column_sums(multiply(first, others[0]))
+    second = add(others[0], negative(multiply(first, _row(b))))
+    c = square_root(column_sums(multiply(second, second)))
+    second = divide(second, _row(c))
+    p, q, r, t = (DoubleDouble(*(x[i, j] for x in matrix)) for i in (0, 1) for j in (0, 1))
+    change = multiply(r, divide(b, a))
+    p, apart = add(p, change), add(add(t, negative(p)), negative(change))
+    q = divide(add(multiply(a, q), multiply(b, apart)), c)
+    r, t = multiply(r, divide(c, a)), add(t, negative(change))
+    turned = _stacked([_stacked([p, q], 0), _stacked([r, t], 0)], 0)
+    return _stacked([first, second], 1), turned
+
+
+def _row(x: DoubleDouble) -> DoubleDouble:
+    return DoubleDouble(x.high[None], x.low[None])
+
+
+def _stacked(parts: list[DoubleDouble], axis: int) -> DoubleDouble:
+    return DoubleDouble(*(np.stack(part, axis=axis) for part in zip(*parts, strict=True)))

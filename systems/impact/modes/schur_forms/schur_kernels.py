@@ -240,16 +240,21 @@ def real_schur(t: Array, q: Array, start: int, scratch: Any) -> int:
 
 
 @kernel()
-def _sylvester(t: Array, k: int, p: int, m: int, system: Array) -> float:
-    """Equations A X - X B = C for the neighbouring blocks A (p, p) and B (m, m) at k of `t`.
+def _sylvester(t: Array, k: int, p: int, after: int, m: int, system: Array) -> float:
+    """Equations A X - X B = C for the blocks A (p, p) at k and B (m, m) at `after` of `t`.
 
     C stands beside A and above B. `system` is modified in place: equations for X, row by row, in
     its columns, C in column 4. Returns the largest element of the blocks.
     """
     size = 0.0
-    for i in range(p + m):
-        for j in range(p + m):
+    for i in range(p):
+        for j in range(p):
             size = max(size, abs(t[0, k + i, k + j]))
+        for j in range(m):
+            size = max(size, abs(t[0, k + i, after + j]))
+    for i in range(m):
+        for j in range(m):
+            size = max(size, abs(t[0, after + i, after + j]))
     for part in range(2):
         for row in range(4):
             for column in range(5):
@@ -261,12 +266,12 @@ def _sylvester(t: Array, k: int, p: int, m: int, system: Array) -> float:
                 system[0, row, other * m + j] = t[0, k + i, k + other]
                 system[1, row, other * m + j] = t[1, k + i, k + other]
             for other in range(m):
-                x, x_low = t[0, k + p + other, k + p + j], t[1, k + p + other, k + p + j]
+                x, x_low = t[0, after + other, after + j], t[1, after + other, after + j]
                 column = i * m + other
                 system[0, row, column], system[1, row, column] = dd_add(
                     system[0, row, column], system[1, row, column], -x, -x_low
                 )
-            system[0, row, 4], system[1, row, 4] = t[0, k + i, k + p + j], t[1, k + i, k + p + j]
+            system[0, row, 4], system[1, row, 4] = t[0, k + i, after + j], t[1, k + i, after + j]
     return size
 
 
@@ -318,7 +323,7 @@ def _solve(system: Array, count: int, least: float, order: Array, solution: Arra
 def swap(t: Array, q: Array, k: int, p: int, m: int, scratch: Any) -> None:
     """Exchange the blocks (p, p) at k and (m, m) after it of a Schur form, in place."""
     v, x, basis = scratch.v, scratch.solution, scratch.system
-    size = _sylvester(t, k, p, m, scratch.system)
+    size = _sylvester(t, k, p, k + p, m, scratch.system)
     _solve(scratch.system, p * m, max(ROUNDING * size, 1e-300), scratch.order, x)
     # The columns of (-X; 1) span the invariant subspace of the second block.
     for j in range(m):
@@ -338,3 +343,36 @@ def swap(t: Array, q: Array, k: int, p: int, m: int, scratch: Any) -> None:
             _from_right(t, v, b, b_low, k + j, rows, k + p + m)
     for j in range(m):
         _clear(t, k + m, p, k + j)
+
+
+@kernel(entry=True)
+def fill_subspaces(t: Array, w: Array, scratch: Any) -> None:
+    """Fill `w` (2, n, n), zero before, with W, T W = W D, D the diagonal blocks of T.
+
+    W is upper triangular with unit diagonal blocks; it overflows where blocks hardly differ.
+    """
+    n, system, x = t.shape[1], scratch.system, scratch.solution
+    end: int = n
+    while end > 0:
+        p = 2 if end > 1 and t[0, end - 1, end - 2] != 0.0 else 1
+        i: int = end - p
+        for r in range(i, end):
+            w[0, r, r] = 1.0
+            for other in range(end, n):
+                a, a_low = t[0, r, other], t[1, r, other]
+                for j in range(other, n):
+                    b, e = dd_multiply(a, a_low, w[0, other, j], w[1, other, j])
+                    w[0, r, j], w[1, r, j] = dd_add(w[0, r, j], w[1, r, j], b, e)
+        k = end
+        while k < n:
+            m = 2 if k + 1 < n and t[0, k + 1, k] != 0.0 else 1
+            size = _sylvester(t, i, p, k, m, system)
+            for part in range(2):
+                for row in range(p * m):
+                    system[part, row, 4] = w[part, i + row // m, k + row % m]
+            _solve(system, p * m, max(ROUNDING * size, 1e-300), scratch.order, x)
+            for part in range(2):
+                for row in range(p * m):
+                    w[part, i + row // m, k + row % m] = -x[part, row]
+            k += m
+        end = i
