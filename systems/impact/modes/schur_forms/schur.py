@@ -23,8 +23,10 @@ from dynkit.systems.structure.double_double import (
 )
 from dynkit.systems.structure.symmetric import product
 
-# Up to this order, the QR iteration in double-double arithmetic is as fast as the refinement.
-_LARGE = 50
+LARGE = 50
+"""From this order on, refinement is faster than the QR iteration in double-double arithmetic, and
+one substitution for all blocks faster than exchanges for each."""
+
 # A basis (X, 1) with larger elements than this loses as many digits when it is orthonormalised.
 _STEEPEST = 2.0**20
 
@@ -53,7 +55,7 @@ class SchurForm:
         n = len(matrix.high)
         self._t = np.stack(matrix)
         self._q = np.stack([np.eye(n), np.zeros((n, n))])
-        if n >= _LARGE:
+        if n >= LARGE:
             self._refine(matrix, start)
         room = max(n, 5)
         self._scratch = Scratch(
