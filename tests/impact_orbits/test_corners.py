@@ -15,7 +15,7 @@ from dynkit.systems import (
     ViscoelasticSpheres,
 )
 from dynkit.systems.impact.orbits.exponentials import run_through
-from dynkit.systems.impact.orbits.itineraries.borders import Corner
+from dynkit.systems.impact.orbits.itineraries.corners import Corner
 from dynkit.systems.impact.orbits.itineraries.several_modes import linear
 
 FIRST = HardStop(0, offset=-0.3, amplitude=0.1, phase=1.0, restitution=0.5, name="a")
@@ -193,3 +193,37 @@ def test_what_others_watch_at_an_event_needs_no_exponentials(monkeypatch: Any) -
         (flow.tobytes(), start.tobytes(), times.tobytes()) for flow, start, times, _ in calls
     }
     assert len(calls) == len(flights)  # one for all that is watched
+
+
+def cushioned(damping: float) -> ImpactChain:
+    cushion = SoftStop(0, stiffness=20.0, damping=damping, preload=0.1, name="cushion")
+    return ImpactChain(
+        masses=1, damping=0.1, frequency=0.8, harmonic_forces=[1.0], elements=[cushion]
+    )
+
+
+def test_an_orbit_meets_a_border_where_a_dashpot_takes_all_of_a_preload() -> None:
+    # the force at the place of contact is the preload less the damping times the velocity
+    orbit = cushioned(0.03).attractor(transient=100).periodic_orbit()
+    branch = continue_orbit(orbit, "cushion.damping", bounds=(0.02, 0.4))
+    (found,) = (b for b in branch.bifurcations if b.admissible)
+    assert found.kind == "GR"
+    at = found.touching["grazing"]
+    gap, rate = found.orbit.sample(np.array([at]))
+    assert abs(gap).max() < 1e-12
+    assert abs(float(np.ravel(rate)[0]) * found.value - 0.1) < 1e-9
+    assert (branch.admissible == (branch.parameter < found.value)).all()
+    beyond = cushioned(0.083).attractor(transient=100).periodic_orbit()
+    back = continue_orbit(beyond, "cushion.damping", bounds=(0.02, 0.085))
+    (again,) = back.bifurcations
+    assert abs(again.value - found.value) <= again.error + found.error
+
+
+def test_a_branch_is_left_where_a_dashpot_takes_all_of_a_preload() -> None:
+    orbit = cushioned(0.03).attractor(transient=100).periodic_orbit()
+    (found,) = continue_orbit(orbit, "cushion.damping", bounds=(0.02, 0.08)).bifurcations
+    (lifting,) = found.switch()
+    branch = continue_orbit(lifting, "cushion.damping", bounds=(0.02, 0.085))
+    beyond = branch.parameter > found.value + 1e-6
+    assert beyond.sum() > 3
+    assert branch.admissible[beyond].all()

@@ -78,3 +78,29 @@ def test_changes_of_section_states_are_their_derivatives(name: str, most: int) -
     s = fine.at(y, NONE)
     wanted, _ = numerical_derivative(states, y)
     assert abs(errors._sections(s, fine, s.hits) - wanted).max() < 1e-8 * abs(wanted).max()
+
+
+@pytest.mark.parametrize("length", [2.0**-20, 2.0**30], ids=["2^-20", "2^30"])
+def test_orbits_that_begin_at_a_halt_do_not_depend_on_the_unit_of_length(length: float) -> None:
+    # Lengths and forces are multiplied by a power of two, which rounds nothing. A halt after a
+    # slip is a divided difference: its row was beside other units in one exponential.
+    def found(unit: float) -> Any:
+        ring = HardStop(0, offset=0.1611 * unit, side="below", restitution=0.2614)
+        rough = DryFriction(0, force=0.2076 * unit, static=0.233 * unit)
+        machine = MatrixOscillator(
+            M=[[1.5243]],
+            C=[[0.1211]],
+            K=[[1.6774]],
+            frequency=0.8821,
+            harmonic_forces=[-0.4369 * unit],
+            constant_forces=[0.1522 * unit],
+            elements=[ring, rough],
+        )
+        start = machine.state([-0.9 * unit], phase=np.pi / 2)
+        return machine.attractor(transient=300, start=start).periodic_orbit()
+
+    orbit, other = found(1.0), found(length)
+    assert other.label == orbit.label
+    states = other.states / np.array([length, 1.0])
+    # phases are as certain as they were, impulses with their unit
+    assert abs(states - orbit.states).max() <= 2.0 * orbit.error

@@ -12,9 +12,10 @@ import numpy as np
 from dynkit.core.jit import address_of
 from dynkit.core.validation import Array
 from dynkit.exponential.propagators import cells_of_a_call, workspace
-from dynkit.systems.impact.elements.element import HALT, IMPACT, REST, RIDES, EventKind
+from dynkit.systems.impact.elements.element import HALT, IMPACT, JUMP, REST, RIDES, EventKind
 from dynkit.systems.impact.modes.constrained import ContactParadox
 from dynkit.systems.impact.modes.mode import transformed
+from dynkit.systems.impact.simulation.guard_sums import displaced, value_and_rate
 from dynkit.systems.impact.simulation.state import (
     TOUCHED,
     TWO_PI,
@@ -223,9 +224,8 @@ class Course:
         clock[clock_kernels.SINE], clock[clock_kernels.COSINE] = turn
         if oscillator._strobed:
             clock[clock_kernels.REMAINING] = (TWO_PI - start.phase) / oscillator.frequency
-        self._oscillator, self._start = oscillator, start
-        self._noise, self._most_cells = noise, most_cells
-        self._clock, self._full = clock, (0, 0)
+        self._oscillator, self._start, self._noise = oscillator, start, noise
+        self._most_cells, self._clock, self._full = most_cells, clock, (0, 0)
         self._waiting: Any = np.zeros(kernels.WAITING, dtype=np.int64), np.zeros(3)
         self._switches: Any = None
         self._prepare(kernels.START, free.states(q, *turn)[None])
@@ -243,18 +243,33 @@ class Course:
             self._leave_section()
         self.impacts, self.ending, self.waits = 0, Ending.COUNT_REACHED, False
 
+    def _own(self, element: int) -> list[int]:
+        """Numbers of the guards of an element in the mode at the start."""
+        guards = self._oscillator._automaton.guards
+        mode = guards[int(self._clock[_kernels()[0].GUARD])].mode
+        return [k for k, g in enumerate(guards) if (g.mode, g.element) == (mode, element)]
+
+    def _slip(self) -> None:
+        """Friction that slips acts from the start: what sticks or holds bears its force, too."""
+        guards = self._oscillator._automaton.guards
+        for k in sorted({*range(len(self._oscillator._elements))} - {*self._start.closed}):
+            for number in [i for i in self._own(k) if guards[i].watch.event == JUMP]:
+                there = self._work.states[_kernels()[1].START]
+                value, _, size = value_and_rate(guards[number].sum, there)
+                if value < -TOUCHED * size:
+                    self._switch(number)
+                    break
+
     def _close(self, element: int) -> None:
         """Enter contact with a stop on which the motion starts."""
-        clock_kernels = _kernels()[0]
-        automaton, clock = self._oscillator._automaton, self._clock
-        mode = automaton.guards[int(clock[clock_kernels.GUARD])].mode
-        own = [k for k, g in enumerate(automaton.guards) if (g.mode, g.element) == (mode, element)]
+        self._slip()
+        automaton, own = self._oscillator._automaton, self._own(element)
         number = next((k for k in own if automaton.guards[k].watch.event == REST), -1)
         if number < 0 and own and automaton.guards[own[0]].watch.event in (IMPACT, HALT):
             number = own[0]
         if number < 0 and own and element in automaton.parts.sliders:  # it slides where it yields
             there = self._work.states[_kernels()[1].START]
-            number = min(own, key=lambda k: _value_and_rate(automaton.guards[k].sum, there)[0])
+            number = min(own, key=lambda k: value_and_rate(automaton.guards[k].sum, there)[0])
         if number >= 0:  # else it stays where it is, as others hold it
             self._switch(number)
 
@@ -295,13 +310,13 @@ class Course:
         guard = automaton.guards[number]
         if not automaton.marks(guard) or guard.watch.event == HALT:
             return
-        value, rate, size = _value_and_rate(guard.sum, self._work.states[kernels.START])
+        value, rate, size = value_and_rate(guard.sum, self._work.states[kernels.START])
         near = _ON_SECTION * (size + abs(rate) * guard.sum.smallest)
         if abs(value) > near or rate >= 0.0:
             return
         self._switch(number)
         after = automaton.guards[guard.partner].sum
-        rate = _value_and_rate(after, self._work.states[kernels.START])[1]
+        rate = value_and_rate(after, self._work.states[kernels.START])[1]
         self._left[k, :3] = clock_kernels.SWITCHED, guard.watch.order, rate
 
     def _prepare(self, first: int, states: Array) -> None:
@@ -311,7 +326,7 @@ class Course:
         if self._shifts is not None:
             # another thread may have entered more modes meanwhile
             terms = self._oscillator._automaton.rest_terms()[: len(self._tables.event)]
-            self._tables = _displaced(self._tables, terms, self._shifts)
+            self._tables = displaced(self._tables, terms, self._shifts)
         if self._switches is not None or not self._borrows(slots):
             self._work = workspace(slots)
             self._enlarge(slots)
@@ -499,24 +514,3 @@ class Course:
             int(clock[clock_kernels.AMBIGUOUS]),
             float(clock[clock_kernels.TIME]),
         )
-
-
-def _value_and_rate(gap: Any, state: Array) -> tuple[float, float, float]:
-    """An exponential sum at a state (2, slots), its rate of change, and its absolute terms."""
-    terms = gap.rows[:4] * np.vstack([state, state])[:, : gap.rows.shape[1]]
-    size = float(abs(terms[:2]).sum() + abs(gap.offset))
-    return float(terms[:2].sum() + gap.offset), float(terms[2:4].sum()), size
-
-
-def _displaced(tables: Any, terms: Array, parts: Array) -> Any:
-    """The same tables with the offsets of guards disturbed, relative to the terms of their sums.
-
-    Where the structure rests on the table almost exactly, these offsets are rounding errors.
-    """
-    from dynkit.exponential.stack_kernels import OFFSET
-
-    if not terms.any():
-        return tables
-    numbers = tables.ladders.numbers.copy()
-    numbers[:, OFFSET] += parts[tables.element, np.minimum(tables.event, 1)] * terms
-    return tables._replace(ladders=tables.ladders._replace(numbers=numbers))

@@ -26,6 +26,7 @@ from dynkit.systems.impact.orbits.borders import (
     acceleration,
 )
 from dynkit.systems.impact.orbits.flights import Curve
+from dynkit.systems.impact.orbits.itineraries.corners import ZERO, Corner, opens, way_back
 from dynkit.systems.impact.orbits.itineraries.happening import Happening, Itinerary
 from dynkit.systems.impact.orbits.itineraries.itinerary import regimes_of
 from dynkit.systems.impact.orbits.itineraries.motion import AT_ONCE, SAME
@@ -81,7 +82,8 @@ def borders_of(problem: Any, s: ItinerarySolution) -> Iterator[Border]:
         both = event.mode, itinerary[(i + 1) % n].mode
         for late, mode in enumerate(both):
             for element, guard in mode.watched:
-                if event.chatters or element == event.element:
+                own = element == event.element
+                if event.chatters or (own and (late or guard == event.guard or not opens(s, i))):
                     continue
                 numbers = [now.numbers[element] for now in both]
                 # gaps go on through events, and are watched once
@@ -141,10 +143,6 @@ class StickAtImpact(OfImpact):
             phase = float(s.event_phases[i])
             found = problem.with_events(x, p, i, phase, [Happening(slips, friction, 0)])
         return found
-
-
-_ZERO = 16.0
-"""Roundings of a curve, or of what it is measured in: one that begins with less begins at zero."""
 
 
 class Begun(NamedTuple):
@@ -407,7 +405,7 @@ class TouchingGuard(Touching):
             seen, begins = curve.seen, float(curve.nodes[1][0, 0])
             return seen if abs(seen) > abs(begins) else math.inf
         begin, rate, bend = curve.nodes[1][:, 0].tolist()
-        least = _ZERO * max(curve.rounding, 2.0**-52 * float(self.measures(solution)[0]))
+        least = ZERO * max(curve.rounding, 2.0**-52 * float(self.measures(solution)[0]))
         if abs(begin) > least:
             return curve.seen
         slow = abs(rate) * curve.lasts <= least
@@ -438,7 +436,7 @@ class TouchingGuard(Touching):
         there = regimes_of(system, system._parts.settled(numbers))
         if there.numbers[k] != watch.to:
             return None
-        back = _way_back(system, there, k, number)
+        back = way_back(system, there, k, number)
         return self._with(x, p, [Happening(mode, k, self.number), *back]) if back else None
 
     def _with(self, x: Array, p: Array, more: list[Happening]) -> tuple[Problem, Array] | None:
@@ -447,89 +445,6 @@ class TouchingGuard(Touching):
             return None
         found: tuple[Problem, Array] = self.problem.with_events(x, p, self.part, phase, more)
         return found
-
-
-@final
-class Corner(Border):
-    """What another element watches is zero at an event, beside which it is positive.
-
-    Beyond, that element would switch just before the event, or just after. Where the number goes
-    on through the event, it has its minimum there; else the event makes it jump.
-
-    Parameters
-    ----------
-    problem : ItineraryEquations
-    part : int
-        Number of the event.
-    element, guard : int
-    late : bool
-        Whether it is watched just after the event, and not just before.
-    """
-
-    kind, ends = BifurcationKind.GR, False
-    problem: Any
-
-    def __init__(self, problem: Any, part: int, element: int, guard: int, late: bool) -> None:
-        super().__init__(problem, part, guard, element)
-        modes = [problem.itinerary[i % len(problem.itinerary)].mode for i in (part, part + 1)]
-        self.late, self.both = late, all((element, guard) in mode.watched for mode in modes)
-        if element in modes[late].held and element < len(problem.oscillator._stops):
-            self.kind = BifurcationKind.CB
-
-    def value(self, solution: ItinerarySolution) -> float:
-        if min(solution.durations[self.part], solution.durations[self.part - 1]) <= (
-            SAME * solution.period
-        ):
-            return math.nan  # events at once have another order
-        value, rises, rounding = self._beside(solution, self.late)
-        if not rises:
-            return math.inf
-        if self.both:
-            other, too, _ = self._beside(solution, not self.late)
-            if abs(value - other) <= rounding:  # one number, which is watched once
-                rises = too and not self.late
-        return value if rises and abs(value) > rounding else math.inf
-
-    def _beside(self, solution: ItinerarySolution, late: bool) -> tuple[float, bool, float]:
-        """The number just before or after the event, whether it rises from there, its rounding."""
-        curve = solution.curve((self.part - 1 + late) % solution.events, self.side, self.number)
-        value, rate, bend = curve.nodes[1][:, 0 if late else -1].tolist()
-        least = _ZERO * max(curve.rounding, 2.0**-52 * self.size(solution))
-        # a minimum at the event, as of a gap where friction of its own mass turns
-        lowest = bend > 0.0 and rate * rate <= 2.0 * bend * least
-        return value, lowest or (rate > 0.0 if late else rate < 0.0), least
-
-    def size(self, solution: Any) -> float:
-        begins = (self.part - 1 + self.late) % solution.events
-        return float(solution.size_of(begins, self.side, self.number))
-
-    def left(self, solution: Any, own: Array) -> Any:  # noqa: ARG002
-        return [self._beside(solution, self.late)[0] / self.size(solution)]
-
-    def place(self, solution: Any, own: Array) -> tuple[float, int]:  # noqa: ARG002
-        return float(solution.event_phases[self.part]), self.side
-
-
-def _way_back(system: Any, mode: Regimes, k: int, number: int) -> list[Happening]:
-    """Events, as few as can be, by which an element of a mode comes to a regime; empty if none do.
-
-    A dashpot's force vanishes before the gap opens: pressing, lifted, outside.
-    """
-    ways: list[tuple[Regimes, list[Happening]]] = [(mode, [])]
-    regimes, seen = system._elements[k].regimes, {mode.numbers[k]}
-    for now, way in ways:
-        for g, watch in enumerate(regimes[now.numbers[k]].guards):
-            if (k, g) not in now.watched:
-                continue
-            events = [*way, Happening(now, k, g)]
-            if watch.to == number or watch.event == HALT:
-                return events
-            if watch.to not in seen:
-                seen.add(watch.to)
-                numbers = [watch.to if j == k else own for j, own in enumerate(now.numbers)]
-                settled = system._parts.settled(numbers)
-                ways.append((regimes_of(system, settled), events))
-    return []
 
 
 def _slides(element: Element, mode: Regimes, number: int) -> bool:
@@ -545,7 +460,8 @@ def named(border: Border, solution: ItinerarySolution) -> str:
     if isinstance(border, Beginning | VanishingInterval | TouchingGuard):
         return border.name(solution)
     if isinstance(border, Corner):
-        return "at once"
+        own = border.side == solution.itinerary[border.part].element
+        return "grazing" if own else "at once"
     if isinstance(border, StickAtImpact):
         return "stick at impact"
     return "jump of the law" if isinstance(border, LawJump) else "grazing"

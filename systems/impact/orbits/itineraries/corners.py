@@ -1,0 +1,132 @@
+"""What is watched at an event: a number of an element that is zero just then."""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING, Any, final
+
+from dynkit.core.validation import Array
+from dynkit.orbits.equations import Problem
+from dynkit.orbits.kinds import BifurcationKind
+from dynkit.systems.impact.elements.element import HALT
+from dynkit.systems.impact.elements.stops import SoftStop
+from dynkit.systems.impact.orbits.borders import Border
+from dynkit.systems.impact.orbits.itineraries.happening import Happening
+from dynkit.systems.impact.orbits.itineraries.itinerary import regimes_of
+from dynkit.systems.impact.orbits.itineraries.motion import SAME
+from dynkit.systems.impact.orbits.itineraries.several_modes.divided import watch_of
+from dynkit.systems.impact.orbits.machine import Regimes
+
+if TYPE_CHECKING:
+    from dynkit.systems.impact.orbits.itineraries.motion import ItinerarySolution
+
+ZERO = 16.0
+"""Roundings of a curve, or of what it is measured in: one that begins with less begins at zero."""
+
+
+def opens(s: ItinerarySolution, i: int) -> bool:
+    """Whether the gap of a soft stop opens at event `i`: with a preload, by a force above zero."""
+    event = s.itinerary[i]
+    watch = watch_of(s.oscillator, event)
+    soft = isinstance(s.oscillator._elements[event.element], SoftStop)
+    return soft and watch.gap < 0.0 and not (watch.rate or watch.force)
+
+
+@final
+class Corner(Border):
+    """What another element watches is zero at an event, beside which it is positive.
+
+    Beyond, that element would switch just before the event, or just after. Where the number goes
+    on through the event, it has its minimum there; else the event makes it jump. Of the element
+    itself it is the force of a preloaded stop with a dashpot, where its gap opens.
+
+    Parameters
+    ----------
+    problem : ItineraryEquations
+    part : int
+        Number of the event.
+    element, guard : int
+    late : bool
+        Whether it is watched just after the event, and not just before.
+    """
+
+    kind, ends = BifurcationKind.GR, False
+    problem: Any
+
+    def __init__(self, problem: Any, part: int, element: int, guard: int, late: bool) -> None:
+        super().__init__(problem, part, guard, element)
+        modes = [problem.itinerary[i % len(problem.itinerary)].mode for i in (part, part + 1)]
+        self.late, self.both = late, all((element, guard) in mode.watched for mode in modes)
+        if element in modes[late].held and element < len(problem.oscillator._stops):
+            self.kind = BifurcationKind.CB
+
+    def value(self, solution: ItinerarySolution) -> float:
+        if min(solution.durations[self.part], solution.durations[self.part - 1]) <= (
+            SAME * solution.period
+        ):
+            return math.nan  # events at once have another order
+        value, rises, rounding = self._beside(solution, self.late)
+        if not rises:
+            return math.inf
+        if self.both:
+            other, too, _ = self._beside(solution, not self.late)
+            if abs(value - other) <= rounding:  # one number, which is watched once
+                rises = too and not self.late
+        return value if rises and abs(value) > rounding else math.inf
+
+    def _beside(self, solution: ItinerarySolution, late: bool) -> tuple[float, bool, float]:
+        """The number just before or after the event, whether it rises from there, its rounding."""
+        curve = solution.curve((self.part - 1 + late) % solution.events, self.side, self.number)
+        value, rate, bend = curve.nodes[1][:, 0 if late else -1].tolist()
+        least = ZERO * max(curve.rounding, 2.0**-52 * self.size(solution))
+        # a minimum at the event, as of a gap where friction of its own mass turns
+        lowest = bend > 0.0 and rate * rate <= 2.0 * bend * least
+        return value, lowest or (rate > 0.0 if late else rate < 0.0), least
+
+    def size(self, solution: Any) -> float:
+        begins = (self.part - 1 + self.late) % solution.events
+        return float(solution.size_of(begins, self.side, self.number))
+
+    def left(self, solution: Any, own: Array) -> Any:  # noqa: ARG002
+        return [self._beside(solution, self.late)[0] / self.size(solution)]
+
+    def neighbour(self, x: Array, p: Array) -> tuple[Problem, Array] | None:
+        s, system, k = self.problem.at(x, p), self.problem.oscillator, self.side
+        event, gone = s.itinerary[self.part], s.following[self.part].mode.numbers[k]
+        if event.element != k:
+            return None
+        lifts = Happening(event.mode, k, self.number)
+        numbers = list(event.mode.numbers)
+        numbers[k] = watch_of(system, lifts).to
+        lifted = regimes_of(system, system._parts.settled(numbers))
+        events = [*s.itinerary]
+        events[self.part] = lifts
+        problem = self.problem.remade(itinerary=tuple(events))
+        phase, leaves = float(s.event_phases[self.part]), way_back(system, lifted, k, gone)
+        found: tuple[Problem, Array] = problem.with_events(x, p, self.part, phase, leaves)
+        return found
+
+    def place(self, solution: Any, own: Array) -> tuple[float, int]:  # noqa: ARG002
+        return float(solution.event_phases[self.part]), self.side
+
+
+def way_back(system: Any, mode: Regimes, k: int, number: int) -> list[Happening]:
+    """Events, as few as can be, by which an element of a mode comes to a regime; empty if none do.
+
+    A dashpot's force vanishes before the gap opens: pressing, lifted, outside.
+    """
+    ways: list[tuple[Regimes, list[Happening]]] = [(mode, [])]
+    regimes, seen = system._elements[k].regimes, {mode.numbers[k]}
+    for now, way in ways:
+        for g, watch in enumerate(regimes[now.numbers[k]].guards):
+            if (k, g) not in now.watched:
+                continue
+            events = [*way, Happening(now, k, g)]
+            if watch.to == number or watch.event == HALT:
+                return events
+            if watch.to not in seen:
+                seen.add(watch.to)
+                numbers = [watch.to if j == k else own for j, own in enumerate(now.numbers)]
+                settled = system._parts.settled(numbers)
+                ways.append((regimes_of(system, settled), events))
+    return []
