@@ -25,11 +25,11 @@ ZERO = 16.0
 
 
 def opens(s: ItinerarySolution, i: int) -> bool:
-    """Whether the gap of a soft stop opens at event `i`: with a preload, by a force above zero."""
+    """Whether the gap of a preloaded soft stop opens at event `i`, by a force above zero."""
     event = s.itinerary[i]
-    watch = watch_of(s.oscillator, event)
-    soft = isinstance(s.oscillator._elements[event.element], SoftStop)
-    return soft and watch.gap < 0.0 and not (watch.rate or watch.force)
+    watch, own = watch_of(s.oscillator, event), s.oscillator._elements[event.element]
+    preloaded = isinstance(own, SoftStop) and own.preload > 0.0
+    return preloaded and watch.gap < 0.0 and not (watch.rate or watch.force)
 
 
 @final
