@@ -136,9 +136,10 @@ class LinearSolution(ShootingSolution):
         m, d = self.measures, len(row)
         big = np.zeros((most + d, most + d), dtype=np.result_type(row, self.flows, self.durations))
         big[: most - 1, 1:most] = np.eye(most - 1)
-        unit = float(abs(row) @ m)  # an entry far above the others would cost digits
-        big[most - 1, most:] = row * m / unit
         big[most:, most:] = self.flows[j] * m / m[:, None] * self.durations[j]
+        # entries far above the others would cost digits
+        unit = max(1.0, float(abs(row) @ m) / max(1.0, float(abs(big).max())))
+        big[most - 1, most:] = row * m / unit
         found = exponentials(big[None])[0, :most, most:] / m * unit
         return [row, *found[::-1]]
 
