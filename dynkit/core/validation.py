@@ -201,7 +201,7 @@ def of_type(name: str, value: object, kind: type | UnionType, what: str) -> None
 
     Examples
     --------
-    >>> of_type("angles", 0, Sequence, "a sequence of indices")
+    >>> of_type("angles", 0, tuple | list, "a sequence of indices")
     Traceback (most recent call last):
     ...
     ValueError: angles must be a sequence of indices; got 0
