@@ -15,6 +15,7 @@ from dynkit.systems import (
     DryFriction,
     HardStop,
     ImpactChain,
+    ImpactDuffing,
     Jenkins,
     MatrixOscillator,
     SoftStop,
@@ -515,14 +516,19 @@ def test_contact_beside_friction_that_sticks_lasts_for_ever(weight: float) -> No
     assert (len(further), further.ending) == (0, Ending.CONTACT_FOR_EVER)
 
 
+@pytest.mark.parametrize("cubic", [0.0, 1.0])
 @pytest.mark.parametrize("turn", [1, -1])
 @pytest.mark.parametrize("way", [1.0, -1.0])
-def test_what_sticks_at_a_start_bears_the_friction_that_slips(turn: int, way: float) -> None:
-    # spring 0.8, belt 0.2 against it: 0.6 is needed to stick, between the kinetic and static force
+def test_what_sticks_at_a_start_bears_the_friction_that_slips(
+    cubic: float, turn: int, way: float
+) -> None:
+    # spring 0.816, belt 0.2 against it: the rest is between the kinetic and the static force
+    place = -way * (0.6 if cubic else 0.816)
     ground = DryFriction(0, force=0.5, static=0.75, name="ground")
     belt = DryFriction(0, force=0.2, velocity=-way, name="belt")
-    machine = MatrixOscillator(
-        M=[[1.0]], C=[[0.1]], K=[[1.0]], frequency=1.0, elements=[ground, belt][::turn]
-    )
-    record = machine.simulate(impacts=1, start=machine.state([-0.8 * way]))
+    shared: Any = {"frequency": 1.0, "elements": [ground, belt][::turn]}
+    machine: Any = MatrixOscillator(M=[[1.0]], C=[[0.1]], K=[[1.0]], **shared)
+    if cubic:
+        machine = ImpactDuffing(damping=0.1, force=0.0, cubic=cubic, **shared)
+    record = machine.simulate(impacts=1, start=machine.state([place]))
     assert not record.observable("ground.slip_velocity", np.linspace(0.0, 2.0, 9)).any()

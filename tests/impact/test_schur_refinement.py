@@ -109,7 +109,8 @@ def test_bases_of_single_blocks_have_all_digits() -> None:
     # Real and complex eigenvalues.
     matrix = np.random.default_rng(4).normal(size=(12, 12))
     form = form_of(matrix)
-    alone, order = form.alone(), list(form.order)
+    order = list(form.order)
+    alone = form.alone()
     assert form.order == order
     assert sorted(alone) == sorted(order)
     assert {1, 2} == set(form.size)

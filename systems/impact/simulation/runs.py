@@ -252,7 +252,7 @@ class Course:
     def _slip(self) -> None:
         """Friction that slips acts from the start: what sticks or holds bears its force, too."""
         guards = self._oscillator._automaton.guards
-        for k in sorted({*range(len(self._oscillator._elements))} - {*self._start.closed}):
+        for k in set(range(len(self._oscillator._elements))).difference(self._start.closed):
             for number in [i for i in self._own(k) if guards[i].watch.event == JUMP]:
                 there = self._work.states[_kernels()[1].START]
                 value, _, size = value_and_rate(guards[number].sum, there)

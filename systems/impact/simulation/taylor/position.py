@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from dynkit.core.validation import Array
-from dynkit.systems.impact.elements.element import IMPACT
+from dynkit.systems.impact.elements.element import IMPACT, JUMP, SWITCH
 from dynkit.systems.impact.elements.friction import LANDED
 from dynkit.systems.impact.modes.curves import CurvedContact
 from dynkit.systems.impact.modes.taylor.mode import ROUNDING, horner
@@ -59,7 +59,7 @@ class Position:
         self._speed = [0.0] * len(oscillator._elements)
         self._turn = float(start._turn[0]), float(start._turn[1])
         self._time, self._low, self._longest = 0.0, 0.0, 0.0
-        self._steps, self._left = 0, start.element
+        self._steps, self._left, self._latest = 0, start.element, start.element
         self._frequency = oscillator.frequency
         self._period = TWO_PI / oscillator.frequency
         self._number = 0
@@ -264,6 +264,24 @@ class Position:
             if abs(value) > band:
                 return value < 0.0
         return False
+
+    def _jumped(self, apart: Sequence[int]) -> int | None:
+        """A guard that is negative at a start, or just after an event; None if none.
+
+        What has just come to a halt is looked at first: where it slips on, others may stick that
+        would not if it stuck.
+        """
+        state, guards, count = self._state(), self._mode.guards, len(self._motion)
+        for i in sorted(range(len(guards)), key=lambda i: (guards[i][0] - self._latest) % count):
+            k, watch = guards[i]
+            if watch.event not in (SWITCH, JUMP) or self._motion[k] == SWITCHED or k in apart:
+                continue
+            value, band = self._mode.watched(i, state)
+            falls = watch.event == SWITCH and abs(value) <= band and self._falls(i)
+            jumps = watch.event == JUMP or k not in self._chart.springs or not watch.rate
+            if (value < -band and jumps) or falls:  # a slider that halts at a jump still moves
+                return int(self._first + i)
+        return None
 
     def _presses(self, k: int) -> bool:
         """Whether a stop that is touched without a rate holds: by the gap's next derivative."""

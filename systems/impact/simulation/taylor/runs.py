@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any, final
 import numpy as np
 
 from dynkit.core.validation import Array
-from dynkit.systems.impact.elements.element import HALT, IMPACT, JAM, JUMP, REST, SWITCH
+from dynkit.systems.impact.elements.element import HALT, IMPACT, JAM, REST, SWITCH
 from dynkit.systems.impact.modes.constrained import ContactParadox
 from dynkit.systems.impact.simulation.scrape_kernels import tail, taken
 from dynkit.systems.impact.simulation.scraping import Rub
@@ -83,7 +83,7 @@ class TaylorCourse(Position):
         moved = max((stop.amplitude for stop in oscillator._stops), default=0.0)
         slow = max(_SLOW * moved * oscillator.frequency, _LOW * self._tolerance ** (1.0 / 3.0))
         self._slowly = slow if moved else math.inf
-        self._since, self._last_switches, self._latest = 0.0, 0, start.element
+        self._since, self._last_switches = 0.0, 0
         self._switches: list[tuple[float, float, float, int, int, Array]] = []
         self._remaining = self._period
         if self._strobed:
@@ -93,6 +93,8 @@ class TaylorCourse(Position):
             self._speed[start.element] = start.speed
         self._enter(*start._coordinates)
         for k in start.closed:
+            while self._jumps(start.closed):
+                pass  # what sticks or holds bears the forces of others from the start
             self._close(k)
         self._disturb()
 
@@ -350,12 +352,7 @@ class TaylorCourse(Position):
     def _settle(self) -> None:
         """Enter modes until no guard is negative, and nothing that bounced comes to rest."""
         while self.ending is Ending.COUNT_REACHED:
-            number = None if self._plain else self._jumped()
-            if number is not None:
-                i = number - self._first
-                value, band = self._mode.watched(i, self._state())
-                soft = self._mode.guards[i][1].gap != 0.0 and value < -band
-                self._change(number, moved=FLIGHT if soft else SWITCHED)
+            if self._jumps():
                 continue
             if BOUNCED not in self._motion:
                 return
@@ -367,23 +364,16 @@ class TaylorCourse(Position):
                 continue
             self._rest(bounced)
 
-    def _jumped(self) -> int | None:
-        """A guard that is negative at a start, or just after an event; None if none.
-
-        What has just come to a halt is looked at first: where it slips on, others may stick that
-        would not if it stuck.
-        """
-        state, guards, count = self._state(), self._mode.guards, len(self._motion)
-        for i in sorted(range(len(guards)), key=lambda i: (guards[i][0] - self._latest) % count):
-            k, watch = guards[i]
-            if watch.event not in (SWITCH, JUMP) or self._motion[k] == SWITCHED:
-                continue
-            value, band = self._mode.watched(i, state)
-            falls = watch.event == SWITCH and abs(value) <= band and self._falls(i)
-            jumps = watch.event == JUMP or k not in self._chart.springs or not watch.rate
-            if (value < -band and jumps) or falls:  # a slider that halts at a jump still moves
-                return int(self._first + i)
-        return None
+    def _jumps(self, apart: Sequence[int] = ()) -> bool:
+        """Enter the mode of a negative guard, if there is one, but of elements apart."""
+        number = None if self._plain else self._jumped(apart)
+        if number is None:
+            return False
+        i = number - self._first
+        value, band = self._mode.watched(i, self._state())
+        soft = self._mode.guards[i][1].gap != 0.0 and value < -band
+        self._change(number, moved=FLIGHT if soft else SWITCHED)
+        return True
 
     def _rest(self, k: int) -> None:
         """Decide whether a stop that has just been hit holds: enter contact if it does."""
