@@ -5,7 +5,8 @@ whose images lie in one lap of f^k, so each of its ends is the solution of one m
 lap on which f^n decreases has at most one point with f^n(x) = x, and the signs of f^n(x) - x at
 both ends decide whether it exists. Where f^n increases, an interval [a, b] has no such point if
 f^n(a) > b or f^n(b) < a, and at most one if the slope of f^n is above one throughout, or below one;
-all other intervals are halved.
+all other intervals are halved. That slope is bounded by those of f on the images of the interval,
+whose ends are the images of a and b.
 
 J. Milnor, W. Thurston, On iterated maps of the interval, Lecture Notes in Mathematics 1342 (1988)
 465-563 (laps).
@@ -50,9 +51,12 @@ class Lap(NamedTuple):
 
 
 class _Node(NamedTuple):
+    """A point, its image under f^n, the slope there, and x, f(x) ... with the slopes of f."""
+
     x: float
     f: float
     slope: float
+    way: tuple[tuple[float, float], ...] = ()
 
 
 @final
@@ -113,17 +117,34 @@ class Laps:
             a, b = waiting.pop()
             if a.f > b.x + slack or b.f < a.x - slack:
                 continue
-            middle = self._sloped(0.5 * (a.x + b.x), n)
-            steep = [node.slope > 1.0 for node in (a, middle, b)]
-            if all(steep) or not any(steep):
+            least, most = self._slopes(lap.word, a, b)
+            if least >= 1.0 or most <= 1.0:
                 at_a, at_b = a.f - a.x, b.f - b.x
                 if at_a * at_b <= 0.0 or self._solved(a) or self._solved(b):
                     found.append(self._root(n, (a.x, at_a), (b.x, at_b)))
-            elif b.x - a.x > slack:
+                continue
+            middle = self._sloped(0.5 * (a.x + b.x), n)
+            if b.x - a.x > slack:
                 waiting += [(a, middle), (middle, b)]
             elif self._solved(middle):
                 found.append(middle.x)
         return found
+
+    def _slopes(self, word: tuple[int, ...], a: _Node, b: _Node) -> tuple[float, float]:
+        """Least and greatest slope of f^n between two points of one lap, as far as nodes show."""
+        least = most = 1.0
+        turned = False
+        for number, ends in zip(word, zip(a.way, b.way, strict=True), strict=True):
+            (low, one), (high, other) = reversed(ends) if turned else ends
+            lap, slack = self.first[number], self._slack
+            if lap.a - slack <= low <= high + slack <= lap.b + 2.0 * slack:
+                places, slopes = [low, high], [abs(one), abs(other)]
+            else:  # an end of the lap, whose image is beyond a jump
+                places, slopes = [lap.a - slack, lap.b + slack], []
+            slopes += self._steepness[slice(*np.searchsorted(self._places, places))].tolist()
+            least, most = least * min(slopes), most * max(slopes)
+            turned ^= lap.image_a > lap.image_b
+        return least, most
 
     def _solved(self, node: _Node) -> bool:
         """Whether f^n(x) - x may be zero in a cell of the least width."""
@@ -137,12 +158,13 @@ class Laps:
         return float(state[0])
 
     def _sloped(self, x: float, n: int, image: float | None = None) -> _Node:
-        state, slope = np.array([x]), 1.0
+        state, slope, way = np.array([x]), 1.0, list[tuple[float, float]]()
         for _ in range(n):
-            slope *= float(self._calls.derivative(state)[0, 0])
+            way.append((float(state[0]), float(self._calls.derivative(state)[0, 0])))
+            slope *= way[-1][1]
             state = self._calls.next(state)
         # at the end of a lap the image is the one-sided limit
-        return _Node(x, float(state[0]) if image is None else image, slope)
+        return _Node(x, float(state[0]) if image is None else image, slope, tuple(way))
 
     def _root(self, n: int, a: tuple[float, float], b: tuple[float, float]) -> float:
         """Return the zero of f^n(x) - x between a and b, or the end where it is nearly zero."""
@@ -176,7 +198,11 @@ class Laps:
     def _monotone(self) -> list[tuple[float, float, float, float]]:
         """Return the intervals (a, b) on which f is monotone, with its values at both ends."""
         found: list[tuple[float, float, float, float]] = []
-        for piece in self._pieces():
+        pieces = list(self._pieces())
+        nodes = [node for piece in pieces for node in piece]
+        self._places = np.array([node.x for node in nodes])
+        self._steepness = abs(np.array([node.slope for node in nodes]))
+        for piece in pieces:
             start = sloping = piece[0]
             for node in piece[1:]:
                 if sloping.slope * node.slope < 0.0:

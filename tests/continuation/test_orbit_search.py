@@ -91,6 +91,50 @@ def test_all_orbits_of_a_continuous_map_with_k_full_laps_are_found(seed: int) ->
 
 
 @dataclass(frozen=True, eq=False)
+class Stairs(Map):
+    """A map without turning points, that rises or falls in steps between flat parts."""
+
+    places: Array
+    steepness: float
+    sign: float = 1.0
+
+    @property
+    def dimension(self) -> int:
+        return 1
+
+    def of(self, x: Array) -> Array:
+        """The next states (k,) of states (k,)."""
+        steps = np.tanh(self.steepness * (x[:, None] - self.places))
+        return np.asarray(self.sign * (steps.mean(axis=1) + 0.1 * x))
+
+    def __call__(self, state: Array) -> Array:
+        return self.of(state)
+
+    def jacobian(self, state: Array) -> Array:
+        steps = np.cosh(self.steepness * (state - self.places)) ** -2.0
+        return np.array([[self.sign * (self.steepness * steps.mean() + 0.1)]])
+
+
+@pytest.mark.parametrize("sign", [1.0, -1.0])
+@pytest.mark.parametrize("seed", range(20 * MORE))
+def test_no_orbit_on_a_lap_of_many_steps_is_missed(sign: float, seed: int) -> None:
+    """Rising, it has fixed points alone; falling, one of them, and pairs of P(2).
+
+    They are where f^n(x) - x changes its sign on a fine grid.
+    """
+    random = np.random.default_rng(seed)
+    places = np.sort(random.uniform(-1.0, 1.0, int(random.integers(1, 6))))
+    system = Stairs(places, float(10.0 ** random.uniform(0.3, 1.8)), sign)
+    low, high = -1.3 - random.uniform(0.0, 2.0, 2)
+    search = find_orbits(system, 4, [(low, -high)])
+    grid = np.linspace(low, -high, 100_003)
+    once = system.of(grid)
+    ones, twos = (int((np.diff(np.sign(y - grid)) != 0.0).sum()) for y in (once, system.of(once)))
+    assert counts(search) == [ones, (twos - ones) // 2, 0, 0]
+    assert search.resolved == 4
+
+
+@dataclass(frozen=True, eq=False)
 class Conjugate(Map):
     """The logistic map at 4 in other coordinates: y = h(x), h(x) = a + s (x + sum c_j sin(j pi x)).
 
