@@ -27,10 +27,11 @@ from dynkit.continuation.method import ContinuationMethod
 from dynkit.continuation.orbit_equations import OrbitEquations
 from dynkit.continuation.points import Point, cost_of
 from dynkit.continuation.results.branch import Branch
-from dynkit.continuation.termination import Bound
+from dynkit.continuation.termination import Bound, Ending, Reason
 from dynkit.continuation.test_functions import examine
 from dynkit.core.cost import Cost
 from dynkit.core.validation import Array, boolean, in_interval
+from dynkit.dynamics.equilibrium import shrinks
 from dynkit.orbits.equations import Problem
 from dynkit.orbits.events import WatchedProblem, is_admissible
 from dynkit.orbits.newton import NoSolution, correct
@@ -173,6 +174,9 @@ def _branch(
     orbit: ProblemSolution, problem: Problem, forward: Trace, backward: Trace, seconds: float
 ) -> Branch:
     points, endings = joined(forward, backward)
+    begin, end = (
+        _explained(problem, *last) for last in zip((points[0], points[-1]), endings, strict=True)
+    )
     first = len(backward.points) - 1
     places = [(first - place, found, -way) for place, found, way in reversed(backward.located)]
     places += [(first + place, found, way) for place, found, way in forward.located]
@@ -191,12 +195,22 @@ def _branch(
         admissible=admissible,
         residuals=np.array([point.residual for point in points]),
         bifurcations=tuple(_bifurcation(problem, admissible, *entry) for entry in places),
-        endings=endings,
+        endings=(begin, end),
         cost=cost_of(points, seconds),
         _problem=problem,
         spectrum=problem.stability,
         _system=orbit.system,
     )
+
+
+def _explained(problem: Problem, last: Point, ending: Ending) -> Ending:
+    """Return the ending of a branch after its last point; a Hopf bifurcation has a name."""
+    if ending.reason not in (Reason.NO_SOLUTION, Reason.NO_CONVERGENCE):
+        return ending
+    if not shrinks(problem.solution(last.y[:-1], last.y[-1:])):
+        return ending
+    place = f"{problem.names[0]} {last.y[-1]:.7g}"
+    return Ending(Reason.EQUILIBRIUM, f"{Reason.EQUILIBRIUM.value}: near {place}")
 
 
 def _bifurcation(

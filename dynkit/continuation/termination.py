@@ -17,6 +17,7 @@ class Reason(Enum):
     NO_CONVERGENCE = "Newton's method does not converge"
     NEAR_REPETITION = "an orbit of a shorter period is too near"
     NO_SOLUTION = "the equations are not defined beyond"
+    EQUILIBRIUM = "it shrinks to an equilibrium, at a Hopf bifurcation"
     RESONANCE = "a strong resonance is near"
     DOUBLE_ZERO = "two eigenvalues are nearly zero"
     SEPARATED = "beyond, the branches that cross come apart"

@@ -14,8 +14,8 @@ from dynkit.core.validation import Array, finite_array, of_type
 from dynkit.dynamics.centre import crossing, small_orbits
 from dynkit.dynamics.flow import Flow, flow_coordinates
 from dynkit.dynamics.poincare_map import PoincareMap
-from dynkit.dynamics.section import Hyperplane, PoincareSection
-from dynkit.orbits.equations import Problem
+from dynkit.dynamics.section import Hyperplane, PoincareSection, Stroboscope
+from dynkit.orbits.equations import Problem, ProblemSolution
 from dynkit.orbits.families import FamilyProblem, FamilySolution, find_solution
 from dynkit.orbits.map_orbit import MapOrbit
 from dynkit.orbits.map_problem import MapProblem, sizes
@@ -24,6 +24,9 @@ from dynkit.orbits.newton import NoConvergence, NoSolution
 _ROUNDING = 2.0**-52
 # Time limit of a return to the section, in periods of the Hopf point.
 _PERIODS = 10.0
+# A small orbit of a flow: distance of a pair of eigenvalues of the equilibrium within it from those
+# of a centre with the orbit's period, relative; and number of states that show where it is.
+_SMALL, _SHOWN = 1e-5, 33
 # Smallest amplitude of an oscillation relative to the size of the state: rounding dominates the
 # return map below it.
 _LEAST = 1e-4
@@ -251,6 +254,24 @@ def equilibrium(flow: Flow, guess: Any) -> Equilibrium:
     found = find_solution(_near(flow, start), start)
     near = _near(flow, found.unknowns)
     return near.made(found.unknowns, found.history, found.cost)
+
+
+def shrinks(orbit: ProblemSolution) -> bool:
+    """Whether a periodic orbit of a flow is a small oscillation about an equilibrium."""
+    system = orbit.system
+    if not isinstance(system, PoincareMap) or isinstance(system.section, Stroboscope):
+        return False
+    assert isinstance(orbit, MapOrbit)
+    try:
+        states = np.concatenate([system._path(at, _SHOWN)[1][1:] for at in orbit.states])
+        middle = states.mean(axis=0)
+        found = equilibrium(system.flow, middle)
+    except (NoMotion, NoConvergence):
+        return False
+    turning = 2.0j * np.pi / orbit.duration
+    size = abs(states - middle).max(axis=0)
+    near = (abs(found.state - middle) <= size + found.error).all()
+    return bool(near and abs(found.eigenvalues - turning).min() <= _SMALL * abs(turning))
 
 
 def _near(flow: Flow, state: Array) -> EquilibriumProblem:

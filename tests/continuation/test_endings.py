@@ -10,11 +10,14 @@ import numpy as np
 import pytest
 
 from dynkit.continuation.continuing import continue_orbit
+from dynkit.dynamics.equilibrium import equilibrium, shrinks
+from dynkit.dynamics.poincare_map import PoincareMap
+from dynkit.dynamics.section import Hyperplane
 from dynkit.orbits.newton import NoConvergence
 from dynkit.orbits.periodic_orbit import periodic_orbit
 from dynkit.orbits.problem import PeriodicOrbit
 from dynkit.orbits.solving import solve
-from dynkit.systems import ImpactChain, Logistic
+from dynkit.systems import Brusselator, ImpactChain, Logistic, VanDerPol
 from tests.continuation.families import Cycle, CycleProblem, Flat
 from tests.continuation.starts import flat, logistic
 
@@ -50,6 +53,23 @@ def test_a_branch_ends_where_the_equations_do() -> None:
     assert abs(branch.parameter.min()) < 1e-6
     (message,) = (str(e) for e in branch.endings if e.reason.name == "NO_SOLUTION")
     assert message.endswith("the square root is not defined")
+
+
+def test_a_branch_of_cycles_ends_at_its_hopf_bifurcation() -> None:
+    rest = equilibrium(Brusselator(b=1.5), [1.0, 1.5])
+    (hopf,) = continue_orbit(rest, "b", bounds=(1.5, 2.5)).bifurcations
+    (cycle,) = hopf.switch()
+    branch = continue_orbit(cycle, "b", bounds=(1.5, 2.5))
+    assert sorted(e.reason.name for e in branch.endings) == ["BOUND", "EQUILIBRIUM"]
+    (message,) = (str(e) for e in branch.endings if e.reason.name == "EQUILIBRIUM")
+    assert message == "it shrinks to an equilibrium, at a Hopf bifurcation: near b 2"
+    assert abs(branch.parameter.min() - 2.0) < 1e-6
+
+
+def test_a_cycle_about_an_equilibrium_that_is_none_of_its_size_does_not_shrink() -> None:
+    """Its radius is 2, and its frequency nearly that of the equilibrium."""
+    cycle = periodic_orbit(PoincareMap(VanDerPol(mu=0.01), Hyperplane([0.0, 1.0]), 20.0), [-2.0])
+    assert not shrinks(cycle)
 
 
 def test_a_branch_ends_where_newton_does_not_converge() -> None:
