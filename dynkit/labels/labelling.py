@@ -22,6 +22,8 @@ _BUDGET = 20_000
 # Error of a map's derivative in units of its accuracy: flows integrate derivatives with a separate
 # accuracy, and in maps rounding grows along a period.
 _DERIVATIVES = 1e3
+# Beside a fold the multiplier changes like a power of time: by twice what a geometric decay leaves.
+_LATER = 3.0
 
 
 @final
@@ -105,7 +107,8 @@ def label_orbit(
       forcing apart. When a multiple of n recurs much better, and the recurrence of n does not
       decrease, the multiple is the period (a period doubling smaller than the tolerance, down to
       1e-10). A recurrence over which the derivative of the map varies by a tenth is a motion of
-      its own, and no sign of a period. When n is a multiple of a period on which the orbit may
+      its own, and no sign of a period. Nor are states that move on from period to period, as a
+      motion does where it passes slowly beside a fold. When n is a multiple of a period on which the orbit may
       still settle, the next window decides.
     - P(inf,m): a window with releases from sticking contact is decided by the states at release.
       Contact removes all memory of the motion before it: in double precision, two equal releases
@@ -215,7 +218,7 @@ def with_multiplier(
     found, earlier = map(spectral_radius, (last, before))
     apart = abs(1.0 - found)
     change = abs(found - earlier)
-    series = change * max(1.0, found / apart) if apart else np.inf
+    series = _LATER * change * max(1.0, found / apart) if apart else np.inf
     error = series + _DERIVATIVES * len(last) * accuracy * max(1.0, found)
     if errors is not None:
         random = np.random.default_rng(0)

@@ -21,6 +21,9 @@ REPETITIONS = 3
 # Below the first relative recurrence, no multiple is tried as the period; below the second,
 # distances are rounding errors and not used for a decay.
 _SPLIT, _ROUNDING = 1e-10, 1e-13
+# States that move on in one direction are farther apart at the ends of the window than after one
+# period, by this factor at least.
+_DRIFT = 3.0
 # Least number of recurrences for the fit of a decay: three in each half, for the standard errors.
 _FIT = 6
 # Least number of recurrences of a decay that is extrapolated, and its least fall: a factor 3.
@@ -130,6 +133,8 @@ class Recurrences:
 
     def _resolved(self, n: int) -> int | None:
         """Return the period among n and its multiples; None where it is not certain."""
+        if self._drifts(n):
+            return None
         factor: int | None = 0
         while factor != 1 and self.spread(n) > _SPLIT:
             factor = None if self._decay(n).leaves else self._split(n)
@@ -142,6 +147,11 @@ class Recurrences:
             if self.steps(divisor)[-1] <= clear or self._decay(divisor).falls(_DECAY_DEPTH):
                 return None
         return n
+
+    def _drifts(self, n: int) -> bool:
+        """Whether the states move on, period by period, and not as if to an orbit."""
+        far = self.spread(n) > max(_SPLIT, _DRIFT * float(self.steps(n).max()))
+        return far and not self._decay(n).falls(_DECAY_DEPTH)
 
     def _split(self, n: int) -> int | None:
         """Return the factor of a multiple of n that recurs much better; None if not certain."""
@@ -221,13 +231,14 @@ class _Decay:
 
     @cached_property
     def geometric(self) -> bool:
-        """Whether the ratio is below 1 by five standard errors, and equal in both halves."""
+        """Whether the ratio is below 1 by five standard errors, and that of both halves.
+
+        That of a power of time is not: beside a fold, a motion may pass where an orbit was.
+        """
         if not self.rate > 5.0 * self.error:
             return False
-        early, early_error = _rate(self.logs[: self.count // 2])
-        late, late_error = _rate(self.logs[self.count // 2 :])
-        bend = abs(early - late) - 3.0 * float(np.hypot(early_error, late_error))
-        return bend <= 0.2 * self.rate
+        early, late = (_rate(half)[0] for half in np.split(self.logs, [self.count // 2]))
+        return max(early, late, self.rate) - min(early, late, self.rate) <= 0.2 * self.rate
 
     def falls(self, least: float) -> bool:
         """Whether the decay is geometric, and the logarithm falls by this much or more."""
