@@ -108,8 +108,8 @@ def label_orbit(
       decrease, the multiple is the period (a period doubling smaller than the tolerance, down to
       1e-10). A recurrence over which the derivative of the map varies by a tenth is a motion of
       its own, and no sign of a period. Nor are states that move on from period to period, as a
-      motion does where it passes slowly beside a fold. When n is a multiple of a period on which the orbit may
-      still settle, the next window decides.
+      motion does where it passes slowly beside a fold. When n is a multiple of a period on which
+      the orbit may still settle, the next window decides.
     - P(inf,m): a window with releases from sticking contact is decided by the states at release.
       Contact removes all memory of the motion before it: in double precision, two equal releases
       repeat exactly even if the motion between them is chaotic, and rounding decides which contact
