@@ -21,6 +21,8 @@ REPETITIONS = 3
 # Below the first relative recurrence, no multiple is tried as the period; below the second,
 # distances are rounding errors and not used for a decay.
 _SPLIT, _ROUNDING = 1e-10, 1e-13
+# A curve that bends one way crosses a straight line twice; what oscillates crosses it more often.
+_TURNS = 4
 # States that move on in one direction are farther apart at the ends of the window than after one
 # period, by this factor at least.
 _DRIFT = 3.0
@@ -231,14 +233,18 @@ class _Decay:
 
     @cached_property
     def geometric(self) -> bool:
-        """Whether the ratio is below 1 by five standard errors, and that of both halves.
+        """Whether the ratio is below 1 by five standard errors, and nearly that of both halves.
 
-        That of a power of time is not: beside a fold, a motion may pass where an orbit was.
+        That of a power of time is not: beside a fold, a motion may pass where an orbit was. Around
+        an orbit with complex multipliers it oscillates, and that of a half says less.
         """
         if not self.rate > 5.0 * self.error:
             return False
-        early, late = (_rate(half)[0] for half in np.split(self.logs, [self.count // 2]))
-        return max(early, late, self.rate) - min(early, late, self.rate) <= 0.2 * self.rate
+        halves = (_rate(half)[0] for half in np.split(self.logs, [self.count // 2]))
+        rates = self.rate, *halves
+        off = self.logs - self.logs.mean() + self.rate * _places(self.count)
+        oscillates = int((np.diff(np.sign(off)) != 0.0).sum()) >= _TURNS
+        return max(rates) - min(rates) <= (0.4 if oscillates else 0.2) * self.rate
 
     def falls(self, least: float) -> bool:
         """Whether the decay is geometric, and the logarithm falls by this much or more."""
@@ -249,9 +255,14 @@ class _Decay:
         return self.rate < -5.0 * self.error and self.rate * (self.count - 1) <= -1.0
 
 
+def _places(count: int) -> Array:
+    """The numbers (count,) of equidistant values, about zero."""
+    return np.asarray(np.arange(count) - 0.5 * (count - 1))
+
+
 def _rate(logs: Array) -> tuple[float, float]:
     """Return the rate of decrease of a straight line through equidistant values, and its error."""
-    place = np.arange(len(logs)) - 0.5 * (len(logs) - 1)
+    place = _places(len(logs))
     weight = float(place @ place)
     slope = float(place @ logs) / weight
     residual = logs - logs.sum() / len(logs) - slope * place
