@@ -166,11 +166,11 @@ def find_orbits(
     it.
 
     A map of one dimension is searched lap by lap. Where an iterate f^n decreases, it has at most
-    one periodic point. Where it increases, intervals are halved until the slopes of f^n at both
-    ends and in the middle are all above one or all below. Turning points of the map are located on
-    a grid of 1024 cells, refined where the map is curved. So an orbit can be missed only where two
-    turning points lie in one cell, or two orbits in one interval. Maps with an angle, and maps of
-    two and three dimensions, are searched by Newton's method from each cell of a covering of the
+    one periodic point. Where it increases, intervals are halved until all slopes of f^n in them are
+    above one, or all below. Slopes and turning points of the map are those of a grid of 1024 cells,
+    refined where the map is curved. So an orbit can be missed only where two turning points lie in
+    one cell, or a slope that no other point of the cell has. Maps with an angle, and maps of two
+    and three dimensions, are searched by Newton's method from each cell of a covering of the
     recurrent states. The covering is refined until no more orbits are found. In more dimensions
     Newton's method starts from close returns among iterates of random guesses.
 
