@@ -132,7 +132,8 @@ def _distances(look: Look, reference: Array, states: Array) -> Iterator[Array]:
     size = max(1, _TOGETHER // reference.size)
     for low in range(0, len(states), size):
         gaps = look.system.difference(reference, states[low : low + size, None])
-        yield np.linalg.norm(gaps, axis=2)
+        # a quarter of the time of NumPy's norm, which sums few numbers slowly
+        yield np.sqrt(np.einsum("ijk,ijk->ij", gaps, gaps))
 
 
 def _filled(kind: OrbitKind, look: Look, rows: Rows, finish: Finish) -> tuple[list[_Group], Rows]:
