@@ -67,8 +67,8 @@ class TimeAverages:
         self._amplitudes = waves[:_WAVES]
         length = count // _BLOCKS
         blocks = series[count - _BLOCKS * length :].reshape(_BLOCKS, length, -1).mean(axis=1)
-        self._whole = _weighted(series)
-        self._quarters = np.array([_weighted(q) for q in np.array_split(series, _QUARTERS)])
+        self._whole = weighted(series)
+        self._quarters = np.array([weighted(q) for q in np.array_split(series, _QUARTERS)])
         floor = _FLOOR * abs(series).max(axis=0)
         scatter = blocks.std(axis=0, ddof=1)
         spread = abs(self._quarters - self._whole).max(axis=0)
@@ -177,7 +177,7 @@ def _slow_waves(deviations: Array, weight: Array) -> Array:
     return amplitudes(parts, weights, _ALL_WAVES)
 
 
-def _weighted(series: Array) -> Array:
+def weighted(series: Array) -> Array:
     """Return the average (k,) with the weight exp(-1 / (t (1 - t))), 0 < t < 1."""
     t = (np.arange(len(series)) + 0.5) / len(series)
     weight = np.exp(-1.0 / (t * (1.0 - t)))

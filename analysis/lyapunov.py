@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, ClassVar, Self, final
 import numpy as np
 from numpy.typing import NDArray
 
-from dynkit.analysis.averages import LEAST, TimeAverages
+from dynkit.analysis.averages import LEAST, TimeAverages, weighted
 from dynkit.analysis.batches import in_values
 from dynkit.analysis.kaplan_yorke import kaplan_yorke
 from dynkit.analysis.motions import attractor_of, going_on_for
@@ -57,11 +57,12 @@ class LyapunovSpectrum(Saved):
     interval comes from the slow waves in the logarithms. Periodic and quasi-periodic motions are
     recognised by the much faster convergence of weighted averages; their error is the largest
     distance between these averages over parts of the motion, plus the effect of rounding of the
-    states of a map. Where rounding makes chaos repeat itself, only different states count. The
-    errors are valid when the motion is `resolved`, for its attractor. Where the run changes its
-    regime, for example when transient chaos ends, the errors cover the exponents before and after;
-    see `change`. A transient longer than the run looks like sustained chaos: `settled_label` of the
-    attractor examines more states.
+    states of a map. Of motions that still settle on an orbit they cover what is left. Where
+    rounding makes chaos repeat itself, only different states count. The errors are valid when the
+    motion is `resolved`, for its attractor. Where the run changes its regime, for example when
+    transient chaos ends, the errors cover the exponents before and after; see `change`. A transient
+    longer than the run looks like sustained chaos: `settled_label` of the attractor examines more
+    states.
 
     An exponent is minus infinity, with the error zero, where the length of a direction has become
     exactly zero: disturbances along it are forgotten in finite time. In an impact oscillator a
@@ -238,8 +239,35 @@ class LyapunovSpectrum(Saved):
         return np.asarray(errors[:, np.isfinite(logs).all(axis=0)].mean(axis=0)[order])
 
     @cached_property
+    def _left(self) -> Array:
+        """Errors of the finite exponents, in descending order, where the motion still settles.
+
+        Near a periodic orbit the logarithms change as the distance to it does, by a factor
+        exp(rate) in an iterate, where the rate is the exponent nearest to zero; of a flow that is
+        not the one of its direction. The change of the last quarter is summed over all later
+        iterates. Beside a bifurcation, where the distance is a power of time, that is a half of
+        what is left at least: it is taken three times, and at most until the rate has changed by
+        twice itself. Of other motions the averages over quarters do not approach a limit.
+        """
+        logs, _, times, _ = self._run
+        values, errors = self._estimate(lambda exponents, _: exponents)
+        finite = logs[:, np.isfinite(logs).all(axis=0)][:, self._averages[1]]
+        quarters = np.array([weighted(part) for part in np.array_split(finite, 4)])
+        steps = np.diff(quarters, axis=0)
+        ratios = steps[1:] / np.where(steps[:-1] == 0.0, np.inf, steps[:-1])
+        duration = float(times.mean()) if self._is_flow and times is not None else 1.0
+        nearest = np.argsort(abs(values))[int(self._is_flow) :]
+        if not len(nearest) or (values + 2.0 * errors)[nearest].max() >= 0.0:
+            return np.zeros(len(values))
+        settles = ((ratios > 0.0) & (ratios < 1.0)).all(axis=0)
+        slopes = np.where(settles, abs(steps[-1]), 0.0) / (len(logs) // 4 * self._length)
+        rate, slope = -quarters[-1, nearest[0]], slopes[nearest[0]]
+        most = 2.0 * rate / slope if slope else np.inf
+        return np.asarray(slopes * min(3.0 / (rate * duration), most))
+
+    @cached_property
     def _exponents(self) -> tuple[Array, Array]:
-        return self._exponents_of(lambda exponents, _: exponents, self._accuracy)
+        return self._exponents_of(lambda exponents, _: exponents, self._accuracy + self._left)
 
     @property
     def exponents(self) -> Array:
@@ -259,7 +287,8 @@ class LyapunovSpectrum(Saved):
             return self._exponents
         (duration,), _ = self._estimate(lambda _, duration: duration)
         return self._exponents_of(
-            lambda exponents, duration: exponents / duration, self._accuracy / float(duration)
+            lambda exponents, duration: exponents / duration,
+            (self._accuracy + self._left) / float(duration),
         )
 
     @property
@@ -285,7 +314,7 @@ class LyapunovSpectrum(Saved):
         if np.isnan(self.exponents).any():
             return np.nan, np.nan
         value, error = self._estimate(lambda exponents, _: exponents.sum(keepdims=True))
-        return float(value[0]), float(error[0] + self._accuracy.sum())
+        return float(value[0]), float(error[0] + (self._accuracy + self._left).sum())
 
     @property
     def sum(self) -> float:
@@ -302,7 +331,7 @@ class LyapunovSpectrum(Saved):
 
     @cached_property
     def _dimension(self) -> tuple[float, float]:
-        values, errors = self._exponents
+        values, errors = self._exponents_of(lambda exponents, _: exponents, self._accuracy)
         count = int(np.isfinite(values).sum())
         # exponents that are zero within their errors count as zero, as for tori and limit cycles;
         # not where the errors cover two regimes

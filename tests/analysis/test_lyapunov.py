@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cache
+from typing import Any
 
 import numpy as np
 import pytest
@@ -23,6 +24,7 @@ from dynkit.systems import (
     Logistic,
     Lorenz,
     Rossler,
+    SymbolicFlow,
 )
 from tests.example_systems import CircleRotation, DampedRotation
 
@@ -258,6 +260,47 @@ def test_the_repr_is_one_line_and_says_when_the_run_is_too_short() -> None:
     slow = LyapunovSpectrum.of_map(Logistic(rate=3.0), [0.3], iterations=400)
     _ = slow.exponents
     assert "too short for its errors" in repr(slow)
+
+
+@pytest.mark.parametrize("transient", [0, 300, 3000])
+@pytest.mark.parametrize("place", [3.0, 1.0 + np.sqrt(6.0)])
+def test_errors_cover_motions_that_still_settle_beside_a_period_doubling(
+    place: float, transient: int
+) -> None:
+    """P(1) has the multiplier 2 - rate, P(2) the multiplier 4 + 2 rate - rate^2.
+
+    Without what is left to settle, two of five are off by more than two errors, and up to 16.
+    """
+    for distance in 10.0 ** np.linspace(-6.0, -2.0, 13):
+        rate = float(place - distance)
+        multipliers = {1: 2.0 - rate, 2: 4.0 + 2.0 * rate - rate**2}
+        period = 1 if place == 3.0 else 2
+        exact = np.log(abs(multipliers[period])) / period
+        start = np.array([0.3])
+        motion = MapAttractor(Logistic(rate=rate), start, transient=transient, iterations=1)
+        for iterations in (2000, 10_000):
+            spectrum = LyapunovSpectrum(motion, iterations)
+            assert abs(spectrum.exponents[0] - exact) < 2.0 * spectrum.error[0]
+
+
+class HopfForm(SymbolicFlow):
+    """A cycle of radius sqrt(mu), with the exponents 0 and -2 mu."""
+
+    mu: float = 0.1
+
+    def velocity(self, x: Any, y: Any) -> tuple[Any, Any]:
+        growth = self.mu - x**2 - y**2
+        return growth * x - 1.3 * y, 1.3 * x + growth * y
+
+
+@pytest.mark.parametrize("radius", [0.03, 0.3, 1.0])
+@pytest.mark.parametrize("mu", [1e-5, 1e-4, 1e-3, 1e-2, 0.05])
+def test_errors_cover_a_flow_that_still_settles_on_a_weak_cycle(mu: float, radius: float) -> None:
+    for iterations in (400, 1000):
+        spectrum = LyapunovSpectrum.of_flow(
+            HopfForm(mu=mu), [radius, 0.0], interval=0.7, iterations=iterations
+        )
+        assert (abs(spectrum.exponents - [0.0, -2.0 * mu]) < 2.0 * spectrum.error).all()
 
 
 def test_the_plot_ends_in_the_exponents() -> None:
