@@ -201,6 +201,9 @@ def with_multiplier(
 ) -> OrbitLabel:
     """Return the label of a periodic orbit with its `multiplier`.
 
+    A motion that does not recur yet, and whose orbit is not certain to be stable or unstable, is
+    unsettled: near a resonance, states of a torus approach each other for a while.
+
     Parameters
     ----------
     label : OrbitLabel
@@ -224,7 +227,10 @@ def with_multiplier(
         random = np.random.default_rng(0)
         probes = [disturbed_eigenvalues(last, errors, random)[0] for _ in range(PROBES)]
         error += MARGIN * float(abs(abs(np.array(probes)) - found).max())
-    return replace(label, multiplier=found, multiplier_error=error)
+    known = replace(label, multiplier=found, multiplier_error=error)
+    if label.recurrence > label.tolerance and known.stable is None:
+        return replace(label, kind=OrbitKind.UNSETTLED, iterates=None, periods=None)
+    return known
 
 
 def settled_label(

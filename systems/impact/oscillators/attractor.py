@@ -354,6 +354,8 @@ class _ImpactOrbit:
         if label.kind not in (OrbitKind.PERIODIC, OrbitKind.STICKING):
             return label
         label = self._with_multiplier(label)
+        if label.kind is OrbitKind.UNSETTLED:
+            return label
         here = self.system, self.record.final, label
         return replace(
             label,
