@@ -209,6 +209,13 @@ class ImpactOscillator(ImpactMap):
         records = [cast("ImpactAttractor", orbit).record for orbit in orbits]
         return Ensemble(self, records).arrivals(starts, transient, near)
 
+    @property
+    def _solutions(self) -> tuple[type, ...]:
+        from dynkit.systems.impact.orbits.itineraries.equations import ItineraryEquations
+        from dynkit.systems.impact.orbits.orbit import ImpactOrbit
+
+        return (*super()._solutions, ImpactOrbit, ItineraryEquations)
+
     def _attractor_of(self, record: ImpactRecord) -> ImpactAttractor:
         return ImpactAttractor(self, 0, record, None)
 
