@@ -319,9 +319,13 @@ def finite_array(name: str, value: object, shape: tuple[int | None, ...]) -> Arr
     if len(lengths) != len(shape) or any(
         asked is not None and asked != found for asked, found in zip(shape, lengths, strict=True)
     ):
-        asked_for = str(tuple("any" if n is None else n for n in shape)).replace("'", "")
+        if set(shape) == {None}:
+            asked_for = f"{len(shape)} dimension{'s' * (len(shape) > 1)}"
+        else:
+            asked_for = "shape " + str(tuple("any" if n is None else n for n in shape))
+            asked_for = asked_for.replace("'any'", "n") + ", for any n" * (None in shape)
         advice = f"; a single coordinate is {name}[:, None]" if _is_column(lengths, shape) else ""
-        raise ValueError(f"{name} must have shape {asked_for}; got shape {lengths}{advice}")
+        raise ValueError(f"{name} must have {asked_for}; got shape {lengths}{advice}")
     finite = np.isfinite(array)
     if not finite.all():
         index = tuple(int(i) for i in np.argwhere(~finite)[0])

@@ -288,7 +288,7 @@ def refuse_other_system(path: Path, archive: Archive, system: HasIdentity) -> No
     """
     asked = identity_of(system)
     made = [key for key in archive.entries if key.startswith("system.")]
-    refuse_other_entries(path, archive, asked, sorted({*made, *asked}))
+    refuse_other_entries(path, archive, asked, dict.fromkeys([*asked, *made]))
 
 
 def refuse_other_entries(

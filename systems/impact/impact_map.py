@@ -158,11 +158,14 @@ class ImpactMap(DrivenStructure, Map):
 
         Of a class that overrides more than energies, such as a start, `code` is a digest.
         """
-        names = (*self._arguments, "mass", "damping_matrix", "stiffness")
-        found = {name: getattr(self, name) for name in names}
+        names = [*self._arguments, "mass", "damping_matrix", "stiffness"]
+        if self.elements:  # the numbers of the table are those of an element
+            names = [name for name in names if name not in OF_TABLE]
+        found: dict[str, object] = dict(self._numbers) if self.elements else {}
+        found |= {name: getattr(self, name) for name in names}
         laws = tuple(stop.restitution for stop in self._stops)
         of_law = {"law": tuple(map(law_text, laws))} if any(map(law_text, laws)) else {}
-        if of_law:
+        if of_law and not self.elements:
             found["restitution"] = repr(self.restitution)
         smooth = {} if self._motion is None else {"energies": self._motion.text}
         smooth |= {self._elements[k].coordinate: f.text for k, f in self._curves.items()}

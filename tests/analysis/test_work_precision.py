@@ -399,7 +399,7 @@ def test_the_figure_has_a_panel_for_each_job() -> None:
         ({"coordinates": [1]}, r"coordinates must lie in \[0, 0\]; got 1"),
         (
             {"chatters": [[1.0, 2.0, 3.0]]},
-            r"chatters must have shape \(any, 2\); got shape \(1, 3\)",
+            r"chatters must have shape \(n, 2\), for any n; got shape \(1, 3\)",
         ),
         ({"times": ["one", "3", "5"]}, "times must hold numbers; got \\['one', '3', '5'\\]"),
     ],

@@ -16,6 +16,7 @@ from dynkit.core.validation import (
     non_negative,
     positive,
     positive_integer,
+    within_memory,
 )
 from dynkit.systems.impact.elements.element import Element, EventKind
 from dynkit.systems.impact.oscillators.oscillator import ImpactOscillator
@@ -23,6 +24,9 @@ from dynkit.systems.impact.simulation.state import Motion
 from dynkit.systems.structure.double_double import two_product
 from dynkit.systems.structure.modes import Derivation
 from dynkit.systems.structure.symmetric import SymmetricMatrix
+
+_LARGEST = 1e30
+"""Largest frequency, distance and mass of a rod, and the reciprocal of the smallest ones."""
 
 if TYPE_CHECKING:
     import sympy
@@ -112,6 +116,17 @@ class ImpactRod(ImpactOscillator):
         check_fields(self, damping=non_negative)
         if self.far_end not in ("fixed", "free"):
             raise ValueError(f"far_end must be 'fixed' or 'free'; got {self.far_end!r}")
+        within_memory("masses", count, 4.0 * 8.0 * self.degrees_of_freedom**2)
+        h = self._spacing
+        for name, value in (("length", h), ("density", self.density * h)):
+            if not 1.0 / _LARGEST <= value <= _LARGEST:
+                limits = f"between {1.0 / _LARGEST:g} and {_LARGEST:g}"
+                got = getattr(self, name)
+                raise ValueError(f"{name} must give distances and masses {limits}; got {got}")
+        if not 1.0 / _LARGEST <= 2.0 * self.wave_speed / h <= _LARGEST:
+            low, high = (f"{0.5 * h * w:.3g}" for w in (1.0 / _LARGEST, _LARGEST))
+            given = f"length {self.length} and {count} masses; got {self.wave_speed}"
+            raise ValueError(f"wave_speed must lie in [{low}, {high}] with {given}")
         super().__post_init__()
 
     @property

@@ -12,6 +12,7 @@ from dynkit.core.no_motion import Refused
 from dynkit.core.validation import Array, finite_array, finite_scalar
 from dynkit.systems.impact.simulation.state import (
     TOUCHED,
+    TWO_PI,
     ImpactState,
     Motion,
     along,
@@ -106,7 +107,12 @@ def _between(oscillator: DrivenStructure, x: Array, turn: tuple[float, float]) -
             w, on = oscillator.frequency, gaps <= rounding
             rates = np.array([s.sign * s.swing_rate(w, *turn) for s in oscillator._stops])
             return np.stack([found, _nearest(rows[on], rates[on], still)])
-    raise Refused("elements must leave room between their stops; there is none at this phase")
+    limits = [
+        f"{along(stop, 'position')} {'>=' if stop.sign > 0 else '<='} {stop.sign * place:.6g}"
+        for stop, place in zip(oscillator._stops, places.tolist(), strict=True)
+    ]
+    at = f"at phase {math.atan2(*turn) % TWO_PI:.6g}"
+    raise Refused(f"elements must leave room between their stops; got {' and '.join(limits)} {at}")
 
 
 _HALVINGS, _LEFT = 40, 2.0**-51
