@@ -427,8 +427,8 @@ class SmoothMap(Family, ABC):
         return found
 
 
-def checked_map(system: object, kind: type = SmoothMap) -> Any:
-    """Return the system after a check that it is a map of this kind.
+def checked_map(system: object, kind: type = SmoothMap, what: str = "a Map") -> Any:
+    """Return the system after a check that it is a map, or what else is described, of this kind.
 
     Raises
     ------
@@ -440,7 +440,7 @@ def checked_map(system: object, kind: type = SmoothMap) -> Any:
     if isinstance(system, type):
         name = system.__name__
         raise ValueError(f"system must be an instance, such as {name}(...); got the class {name}")
-    raise ValueError(f"system must be a Map; got {system!r}")
+    raise ValueError(f"system must be {what}; got {system!r}")
 
 
 def generic_direction(dimension: int) -> Array:

@@ -227,7 +227,8 @@ def one_of(name: str, value: Any, known: Iterable[str]) -> str:
     """
     names = tuple(known)
     if not isinstance(value, str) or value not in names:
-        raise _refusal(name, f"be one of: {', '.join(names) or 'none'}", value)
+        limit = f"be one of: {', '.join(names)}" if names else "be a known name, and there is none"
+        raise _refusal(name, limit, value)
     return str(value)
 
 

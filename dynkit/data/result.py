@@ -15,7 +15,7 @@ import numpy as np
 from dynkit._version import __version__
 from dynkit.core.parameters import Family
 from dynkit.core.reprs import Facts, Tabled, table
-from dynkit.core.validation import of_type
+from dynkit.core.smooth_map import checked_map
 from dynkit.data import store
 from dynkit.data.atomic_files import reason
 from dynkit.data.codec import decoded, encoded
@@ -173,7 +173,7 @@ class SavedWithSystem(Result):
         ...     MapOrbit.load(Path(folder, "x.h5"), Logistic(rate=1.0))
         <P(2) of Logistic(rate=3.2): stable>
         """
-        of_type("system", system, Family, "the system of the result")
+        checked_map(system, Family, "a Map or a Flow")
         return read_result(path, cls, partial(store.at_parameters, system))[0]
 
 
@@ -216,8 +216,10 @@ def read_result(
     """
     file = store.place(path)
     archive = store.read(file)
-    if archive.entries.get("kind") != kind.__name__:
-        raise ValueError(f"store must hold a {kind.__name__}; got {file}")
+    name, held = kind.__name__, archive.entries.get("kind")
+    if held != name:
+        an = "an" if name[0] in "AEIOU" else "a"
+        raise ValueError(f"store must hold {an} {name}; got {file}, which holds: {held}")
     given = lacking(file, archive) if lacking else None
     with store.understood(file, kind.__name__):
         tree = json.loads(archive.arrays["json"].tobytes())

@@ -262,7 +262,7 @@ def at_parameters(system: _System, path: Path, archive: Archive) -> _System:
     """
     with understood(path, "system with its parameters"):
         made = {name: float(p) for name, p in json.loads(archive.entries["parameters"]).items()}
-    refuse_other_entries(path, archive, {"system": kind_of(system)}, ["system"])
+    _refuse_other_class(path, archive, system)
     known = system.parameters
     for name in made:
         if name not in known:
@@ -286,9 +286,15 @@ def refuse_other_system(path: Path, archive: Archive, system: HasIdentity) -> No
     ValueError
         The message names the first difference.
     """
+    if "system" in archive.entries:
+        _refuse_other_class(path, archive, system)
     asked = identity_of(system)
     made = [key for key in archive.entries if key.startswith("system.")]
     refuse_other_entries(path, archive, asked, dict.fromkeys([*asked, *made]))
+
+
+def _refuse_other_class(path: Path, archive: Archive, system: object) -> None:
+    refuse_other_entries(path, archive, {"system": kind_of(system)}, ["system"])
 
 
 def refuse_other_entries(

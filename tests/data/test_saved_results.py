@@ -311,7 +311,9 @@ def test_a_huge_shape_that_holds_nothing_is_refused_before_memory_is_asked_for(
 
 def test_the_store_of_another_result_is_refused(results: dict[str, Any], tmp_path: Path) -> None:
     results["POD"].save(tmp_path / "x.h5")
-    with pytest.raises(ValueError, match=r"^store must hold a SpaceTime; got .*x.h5$"):
+    with pytest.raises(
+        ValueError, match=r"^store must hold a SpaceTime; got .*x.h5, which holds: POD$"
+    ):
         SpaceTime.load(tmp_path / "x.h5")
 
 
@@ -391,7 +393,7 @@ REFUSED_SYSTEMS = {
         ImpactChain(masses=3, frequency=0.9),
         r"made with (masses 2|.* array \(2, 2\) .*); got",
     ),
-    "no system": ("MapAttractor", 3.0, "system must be the system of the result; got 3.0"),
+    "no system": ("MapAttractor", 3.0, "system must be a Map or a Flow; got 3.0"),
     "no problem": ("FamilySolution", Balance(), "problem must be a FamilyProblem; got Balance"),
     "another section": (
         "MapOrbit of a flow",

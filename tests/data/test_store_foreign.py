@@ -66,7 +66,7 @@ HELD = {
     "branch": "a Branch",
     "curve": "a BifurcationCurve",
     "network": "a Network",
-    **{name: f"a {name}" for name in RESULTS},
+    **{name: f"an? {name}" for name in RESULTS},
 }
 """What a refusal says that a store of each kind must hold."""
 

@@ -13,17 +13,22 @@ import numpy as np
 import pytest
 
 from dynkit import (
+    Basins,
     Branch,
     Dataset,
+    HybridFlow,
     Hyperplane,
     MapAttractor,
+    MapOrbit,
     Network,
     PoincareMap,
+    ResetMap,
     Stroboscope,
     Sweep,
     basins,
     continue_curve,
     continue_orbit,
+    equilibrium,
     explore,
     parameter_map,
     periodic_orbit,
@@ -50,9 +55,11 @@ from dynkit.systems import (
     ImpactChain,
     ImpactOscillator,
     ImpactRod,
+    IntegratedFlow,
     Logistic,
     Lorenz,
     MatrixOscillator,
+    SymbolicHybridFlow,
 )
 
 BRIEF: dict[str, Any] = {"transient": 5, "keep": 5, "progress": False}
@@ -76,6 +83,35 @@ def swept() -> Sweep:
 
 def masked(*numbers: float) -> Any:
     return np.ma.array(numbers, mask=[False, True, *[False] * (len(numbers) - 2)])
+
+
+@cache
+def found() -> Basins:
+    return basins(Logistic(2.9), [[0.3], [0.4]], **BRIEF)
+
+
+class Losing(IntegratedFlow, HybridFlow):
+    dimension = 2
+
+    def velocity(self, state: Any) -> Any:
+        return np.array([state[1], -state[0]])
+
+    def guard(self, state: Any) -> float:
+        return float(1.0 - state[0])
+
+    def reset(self, state: Any) -> Any:
+        return state[:1]
+
+
+class Doubtful(SymbolicHybridFlow):
+    def velocity(self, x: Any, v: Any) -> Any:
+        return v, -x
+
+    def guard(self, x: Any, v: Any) -> Any:
+        return 1 - x, 2
+
+    def reset(self, x: Any, v: Any) -> Any:
+        return x, -v
 
 
 def diagram(**options: Any) -> BifurcationDiagram:
@@ -271,7 +307,42 @@ CASES: list[tuple[Callable[[], Any], str]] = [
         lambda: swept().view(out="no/such/folder/x.html", show=False),
         "out must be in a folder that exists; got 'no/such/folder/x.html'",
     ),
+    # results of another kind
+    (lambda: Branch.load("none.h5", 3), "orbit must be a PeriodicOrbit or an Equilibrium; got 3"),  # type: ignore[arg-type]
+    (
+        lambda: Network.load("none.h5", [3]),  # type: ignore[list-item]
+        "orbits[0] must be a PeriodicOrbit or an Equilibrium; got 3",
+    ),
+    (lambda: Basins.load("none.h5", 3), "system must be a Map; got 3"),  # type: ignore[arg-type]
+    (lambda: MapOrbit.load("none.h5", 3), "system must be a Map or a Flow; got 3"),
+    (
+        lambda: MapOrbit.load("none.h5", Logistic),
+        "system must be an instance, such as Logistic(...); got the class Logistic",
+    ),
+    (lambda: swept().attractor(0).section(3), "section must be a PoincareSection; got 3"),  # type: ignore[arg-type]
+    (lambda: found().attractor("first"), "place[0] must be an integer; got 'first'"),  # type: ignore[arg-type]
+    (lambda: found().attractor(0, 0), "place must have 1 indices; got (0, 0)"),
+    (
+        lambda: equilibrium(Lorenz(rho=15.0), [6.0, 6.0, 14.0]).lyapunov_orbits("energy"),
+        "integral must be a known name, and there is none; got 'energy'",
+    ),
+    # flows that jump
+    (
+        lambda: ResetMap(Losing(), 10.0)(np.array([0.0, 2.0])),
+        "Losing.reset must return 2 real numbers, (2,); got array([1.])",
+    ),
+    (
+        lambda: ResetMap(Doubtful(), 10.0)(np.array([0.0, 2.0])),
+        "guard must return one expression; got (1 - x, 2)",
+    ),
     # machines
+    (lambda: rod().moving("a", 1.0), "displacement must be a finite number; got 'a'"),  # type: ignore[arg-type]
+    (lambda: rod().displacements("a"), "coordinates must be an array of real numbers; got 'a'"),
+    (
+        lambda: rod().displacements([np.nan] * 100),
+        "coordinates[0] must be a finite number; got nan",
+    ),
+    (lambda: rod().truncation_errors(3), "record must be an ImpactRecord; got 3"),  # type: ignore[arg-type]
     (lambda: rod(wave_speed=1e300), "wave_speed must lie in [5e-33, 5e+27] with length 1.0 and "),
     (lambda: rod(wave_speed=1e-300), "wave_speed must lie in [5e-33, 5e+27] with length 1.0 and "),
     (lambda: rod(length=1e300), "length must give distances and masses between 1e-30 and 1e+30"),

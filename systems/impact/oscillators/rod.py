@@ -13,13 +13,16 @@ from dynkit.core.validation import (
     Array,
     check_fields,
     finite_array,
+    finite_scalar,
     non_negative,
+    of_type,
     positive,
     positive_integer,
     within_memory,
 )
 from dynkit.systems.impact.elements.element import Element, EventKind
 from dynkit.systems.impact.oscillators.oscillator import ImpactOscillator
+from dynkit.systems.impact.records.record import ImpactRecord
 from dynkit.systems.impact.simulation.state import Motion
 from dynkit.systems.structure.double_double import two_product
 from dynkit.systems.structure.modes import Derivation
@@ -31,7 +34,6 @@ _LARGEST = 1e30
 if TYPE_CHECKING:
     import sympy
 
-    from dynkit.systems.impact.records.record import ImpactRecord
     from dynkit.systems.impact.simulation.state import ImpactState
 
 
@@ -221,7 +223,8 @@ class ImpactRod(ImpactOscillator):
             As `state`.
         """
         x, v = np.zeros((2, self.degrees_of_freedom))
-        x[-1], v[-1] = displacement, velocity
+        x[-1] = finite_scalar("displacement", displacement)
+        v[-1] = finite_scalar("velocity", velocity)
         return self.state(x, v, phase)
 
     @final
@@ -231,9 +234,9 @@ class ImpactRod(ImpactOscillator):
         Raises
         ------
         ValueError
-            When the last axis of coordinates is not n + 1.
+            When coordinates are not finite numbers, or their last axis is not n + 1.
         """
-        given = np.asarray(coordinates, dtype=float)
+        given = finite_array("coordinates", coordinates, (None,) * np.asarray(coordinates).ndim)
         if given.shape[-1:] != (self.degrees_of_freedom,):
             n = self.degrees_of_freedom
             raise ValueError(f"coordinates must have shape (..., {n}); got {given.shape}")
@@ -291,6 +294,7 @@ class ImpactRod(ImpactOscillator):
         ValueError
             When the record belongs to another system.
         """
+        of_type("record", record, ImpactRecord, "an ImpactRecord")
         if record.system != self:
             raise ValueError(f"record must be one of this rod; got one of {record.system!r}")
         events, start = record.events, record.start
