@@ -237,7 +237,8 @@ def _observed(name: str, numbers: object, count: int) -> Array:
     array = np.array(numbers, dtype=np.float64)
     if array.ndim != 2 or len(array) != count:
         raise ValueError(
-            f"observables[{name!r}] must have shape ({count}, any); got shape {array.shape}"
+            f"observables[{name!r}] must have shape ({count}, n), for any n; got shape "
+            f"{array.shape}"
         )
     if np.isinf(array).any():
         raise ValueError(f"observables[{name!r}] must be finite or NaN; got an infinity")

@@ -432,7 +432,7 @@ def test_an_unknown_method_or_job_is_refused() -> None:
 
 
 def test_found_impacts_of_other_lengths_are_refused() -> None:
-    with pytest.raises(ValueError, match=r"positions must have shape \(2, any\)"):
+    with pytest.raises(ValueError, match=r"positions must have shape \(2, n\)"):
         FoundImpacts([1.0, 2.0], [[0.0]], [[0.0], [0.0]])
 
 
