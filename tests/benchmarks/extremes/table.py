@@ -14,7 +14,7 @@ _ABOUT = """\
 # Extreme cases
 
 "Largest" is the largest section coordinate of the impacts that are compared. Actual errors are
-differences of their section coordinates and times from 30 digits, which are computed with 50 digits.
+differences of their section coordinates and times from 30 digits, computed with 50 digits.
 Estimated errors are those of `record.error`. Both are absolute. The largest ratio of the two, over
 all impacts, must not exceed 1. Times per impact are without compilation. In a run of few impacts,
 most of the time is the start of the run.
