@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import csv
 import inspect
 import io
 from pathlib import Path
@@ -14,7 +15,7 @@ import pytest
 
 import dynkit
 import dynkit.data.store
-from dynkit import analysis
+from dynkit import Bifurcation, Criticality, analysis
 from dynkit.analysis import (
     POD,
     BifurcationDiagram,
@@ -24,9 +25,11 @@ from dynkit.analysis import (
     SpaceTime,
     TimeSeries,
 )
+from dynkit.analysis.dimension.sums import CorrelationSums
 from dynkit.core.validation import Array
 from dynkit.data.dataset import Dataset
 from dynkit.data.result import Result, Saved, SavedWithSystem
+from dynkit.exponential.sums import Root
 from dynkit.labels.label import OrbitLabel
 from dynkit.orbits.families import FamilySolution
 from dynkit.systems import (
@@ -96,6 +99,10 @@ def results() -> dict[str, Any]:
         ).periodic_orbit(sticking=True),
         "ImpactRecord": motion.record,
         "ImpactRecord by Taylor's method": smooth,
+        "EnergyBalance": motion.record.energy_balance(),
+        "SecondMoments": motion.second_moments(),
+        "Harmonics": PowerSpectrum(motion, samples=2048).lines,
+        "Modes": chain.modes,
     }
 
 
@@ -119,7 +126,7 @@ NAMES = (
     *("OrbitSearch without orbits", "OrbitSearch of a machine", "Equilibrium", "FamilySolution"),
     *("ImpactAttractor", "ImpactAttractor of several elements", "ImpactOrbit"),
     *("ImpactOrbit of several elements", "ImpactOrbit that sticks", "ImpactRecord"),
-    "ImpactRecord by Taylor's method",
+    *("ImpactRecord by Taylor's method", "EnergyBalance", "SecondMoments", "Harmonics", "Modes"),
 )
 EACH = pytest.mark.parametrize("name", NAMES)
 
@@ -178,10 +185,12 @@ def test_what_was_loaded_is_saved_again_or_says_what_is_missing(
 
 
 def test_every_public_result_is_exported_and_saved(results: dict[str, Any]) -> None:
-    """What has a cost and an error is a result, but for labels, which are columns of results."""
+    """What has a cost and an error is a result, but for columns and parts of results."""
     met = public_classes()
-    kinds = [kind for kind in met if hasattr(kind, "error") and hasattr(kind, "cost")]
-    assert [kind for kind in kinds if not issubclass(kind, Result)] == [OrbitLabel]
+    said = {"cost", "error"}
+    kinds = [kind for kind in met if said <= {*dir(kind), *inspect.get_annotations(kind)}]
+    others = {kind for kind in kinds if not issubclass(kind, Result)}
+    assert others == {OrbitLabel, Bifurcation, Criticality, CorrelationSums, Root}
     final = {kind for kind in met if issubclass(kind, Result) and hasattr(kind, "__final__")}
     assert {type(result) for result in results.values()} == {*final, FamilySolution}
     assert all(hasattr(kind, "save") and hasattr(kind, "load") for kind in final)
@@ -223,9 +232,9 @@ def test_every_result_is_exported_in_every_form(
     with h5py.File(tmp_path / "x.h5") as file:
         assert set(file) == set(data.arrays())
         assert file.attrs["title"] == data.attributes["title"]
-    rows = (tmp_path / "x.csv").read_text().splitlines()
+    rows = list(csv.reader((tmp_path / "x.csv").read_text().splitlines()))
     table = data.columns()
-    assert rows[0].split(",") == list(table)
+    assert rows[0] == list(table)
     assert len(rows) == 1 + len(next(iter(table.values())))
     frame = results[name].to_pandas()
     assert list(frame.columns) == list(table)
