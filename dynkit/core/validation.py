@@ -17,6 +17,8 @@ Array: TypeAlias = NDArray[np.float64]
 
 _Scalar = TypeVar("_Scalar", bound=np.generic)
 
+_DOUBLES = np.dtype(np.float64)
+
 # A Python loop over this many numbers is faster than a call of NumPy.
 _SHORT = 64
 
@@ -330,16 +332,21 @@ def finite_array(name: str, value: object, shape: tuple[int | None, ...]) -> Arr
     return array
 
 
-def returned(name: str, value: object, size: int) -> Array:
+def returned(owner: object, value: object, size: int, method: str = "") -> Array:
     """Return what a method of the user returned as floats, (size,); they need not be finite.
+
+    The message names the owner's class, and the method as in ``".velocity"``.
 
     Raises
     ------
     ValueError
         When it is not an array of so many real numbers.
     """
+    if type(value) is np.ndarray and value.dtype is _DOUBLES and value.shape == (size,):
+        return value
     found = np.asarray(value)
     if found.shape != (size,) or found.dtype.kind not in "fiu":
+        name = f"{type(owner).__name__}{method}"
         raise ValueError(f"{name} must return {size} real numbers, ({size},); got {value!r}")
     return np.asarray(found, dtype=np.float64)
 
@@ -399,13 +406,19 @@ def _is_fit(value: object, shape: tuple[int | None, ...]) -> TypeGuard[Array]:
     """Whether the value is already a short finite vector of this shape, such as a map's state."""
     return (
         type(value) is np.ndarray
-        and value.dtype == np.float64
+        and value.dtype is _DOUBLES
         and value.shape == shape
         and value.ndim == 1
         and value.size <= _SHORT
-        # the sum of finite numbers may overflow: then the full check decides
         and math.isfinite(sum(value.tolist()))
     )
+
+
+def all_finite(numbers: Array) -> bool:
+    """Whether all numbers of an array, of real ones, are finite."""
+    # the sum of finite numbers may overflow: then the full check decides
+    few = numbers.size <= _SHORT and math.isfinite(sum(numbers.ravel().tolist()))
+    return few or bool(np.isfinite(numbers).all())
 
 
 def regular_array(name: str, value: object, numbers: str = "real") -> Any:
