@@ -11,6 +11,7 @@ from functools import cache, cached_property
 from typing import TYPE_CHECKING, Any, ClassVar, Self, final
 
 import numpy as np
+from numpy.typing import NDArray
 
 from dynkit.core.no_motion import NoCrossing
 from dynkit.core.smooth_map import generic_direction
@@ -315,18 +316,23 @@ class ImpactMap(DrivenStructure, Map):
         size : float
             Relative size of the displacement.
         """
-        states, others = abs(motion.states), self.degrees_of_freedom - (not self._bent)
-        scale = np.ones(self.dimension)
-        if self._strobed:
-            others = len(self._crossed.kept[0])
-        scale[:others] = states[:, :others].max(initial=0.0)
-        scale[others:-2] = states[:, others:-2].max(initial=0.0)
-        if self._strobed:
-            scale[others:] = states[:, others:].max(initial=0.0)
-        else:
+        states, scale = abs(motion.states), np.ones(self.dimension)
+        for kind in self._measured:
+            scale[kind] = states[:, kind].max(initial=0.0)
+        if not self._strobed:
             scale[-2] = motion.states[-1, -2]
         change = size * scale * generic_direction(self.dimension)
         return self.impact_state(motion.states[-1] + change)
+
+    @property
+    def _measured(self) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
+        """Numbers of the section coordinates that are lengths, and of those that are velocities."""
+        kept = self._crossed.kept if self._strobed else (self._others[0],) * 2
+        count = [len(part) for part in (*kept, self._sliders)]
+        positions, velocities, sliders, *others = np.split(
+            np.arange(self.dimension), np.cumsum(count)
+        )
+        return np.append(positions, sliders), np.append(velocities, np.concatenate(others)[:-1])
 
     # --- the map ----------------------------------------------------------------------------------
 
