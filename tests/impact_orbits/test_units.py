@@ -1,4 +1,4 @@
-"""The same orbits are found in any units of length, time and mass."""
+"""Motions are the same in any unit of length, and so are the orbits that searches find."""
 
 from __future__ import annotations
 
@@ -9,7 +9,14 @@ import numpy as np
 import pytest
 
 from dynkit import explore
-from dynkit.systems import DryFriction, HardStop, ImpactOscillator, MatrixOscillator, SoftStop
+from dynkit.systems import (
+    DryFriction,
+    HardStop,
+    ImpactDuffing,
+    ImpactOscillator,
+    MatrixOscillator,
+    SoftStop,
+)
 from dynkit.systems.impact.elements.element import Element
 
 # of each parameter, the powers of length, time and mass; powers of two with even exponents change
@@ -83,3 +90,39 @@ def test_an_exploration_finds_the_same_branches_in_all_units(number: int) -> Non
 
     known = branches((1.0, 1.0, 1.0))
     assert all(branches(units) == known for units in UNITS)
+
+
+def bent(length: float) -> ImpactDuffing:
+    """A Duffing oscillator between a hard and a soft stop, with friction."""
+    return ImpactDuffing(
+        linear=1.0,
+        cubic=0.5 / length**2,
+        damping=0.2,
+        force=0.6 * length,
+        frequency=1.2,
+        elements=[
+            HardStop(0, offset=-0.3 * length, restitution=0.7),
+            SoftStop(0, side="below", offset=0.3 * length, stiffness=5.0, damping=0.1),
+            DryFriction(0, force=0.05 * length),
+        ],
+    )
+
+
+@pytest.mark.parametrize("length", [2.0**-60, 2.0**-40, 2.0**-20, 2.0**20])
+def test_springs_that_are_not_linear_have_the_same_motions_in_all_units(length: float) -> None:
+    """Taylor's method has an absolute tolerance for what is small."""
+    known, found = (
+        own.simulate(impacts=20, start=own.state([0.1 * size], [0.0]))
+        for size in (1.0, length)
+        for own in [bent(size)]
+    )
+    times = np.linspace(0.1, known.time[-1] - 0.1, 400)
+    for one, other in zip(found.sample(times), known.sample(times), strict=True):
+        np.testing.assert_allclose(one / length, other, atol=1e-12)
+    np.testing.assert_allclose(
+        found.relative_velocity / length, known.relative_velocity, rtol=1e-13
+    )
+    orbits = [
+        record.system.attractor(start=record.final).periodic_orbit() for record in (known, found)
+    ]
+    np.testing.assert_allclose(orbits[1].multipliers, orbits[0].multipliers, atol=1e-12)

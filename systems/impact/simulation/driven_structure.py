@@ -448,7 +448,8 @@ class DrivenStructure(LagrangianStructure):
         from dynkit.systems.impact.simulation.taylor.automaton import TaylorAutomaton
 
         given = self._motion, self._excitation, self._elements
-        scene = Scene(*given, self._curves, self._normal)
+        largest = self._length * max(1.0, self.frequency)
+        scene = Scene(*given, self._curves, self._normal, largest)
         return TaylorAutomaton(self._structure, scene, self._parts)
 
     @cached_property
