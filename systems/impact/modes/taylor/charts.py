@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 from functools import cached_property
 from typing import Any, final
@@ -18,12 +17,10 @@ from dynkit.systems.impact.modes.structure import independent, pivots_of
 from dynkit.systems.impact.modes.taylor.chart import Chart
 from dynkit.systems.impact.modes.taylor.equations import Plan, numbers_of
 from dynkit.systems.impact.modes.taylor.scene import Scene
+from dynkit.systems.symbolic.taylor import digits_of
 
 _NEVER = 0.0, 0.0, 0.0, 1.0, 0.0, 0.0
 """What a guard watches that does not exist in a regime."""
-
-_MOST_TENS = 20
-"""Largest number of tens of bits of tolerance: then a step has order 90."""
 
 
 @final
@@ -110,7 +107,7 @@ class Charts:
             slips=tuple((k, stop) for k, stop, _ in self._slips),
             normals=tuple(scene.normal.items()),
             dragged=scene.dragged if rubs else (),
-            digits=10 * min(max(round(-0.1 * math.log2(scene.largest)), 0), _MOST_TENS),
+            digits=digits_of(scene.largest),
         )
         head = [0.0, scene.excitation.frequency]
         of_curves = [function.numbers for function in scene.curves.values()]

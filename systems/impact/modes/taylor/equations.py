@@ -54,7 +54,7 @@ class Plan:
     dragged : tuple of int
         Friction whose slip velocities are variables besides, as other coordinates determine them.
     digits : int
-        Bits of the tolerance below that of variables of order one, a multiple of ten.
+        Bits of the tolerance below that of variables of order one, see `digits_of`.
     """
 
     equations: Equations
