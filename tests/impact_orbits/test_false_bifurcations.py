@@ -84,6 +84,7 @@ def reaching() -> ImpactOrbit:
     )
     linear = machine.attractor().periodic_orbit()
     below = continue_orbit(linear, "frequency", bounds=(0.3, 0.9), largest_step=0.2)
+    orbit: ImpactOrbit
     (orbit,) = below.bifurcations[0].switch()
     return orbit
 

@@ -68,8 +68,8 @@ def test_a_search_finds_the_same_orbits_in_all_units(number: int) -> None:
         for orbit, other in zip(found, known, strict=True):
             assert orbit.admissible == other.admissible
             # which of the impacts is the first one is rounding
-            turns = [np.sort(np.cos(own.phases)) for own in (orbit, other)]
-            np.testing.assert_allclose(*turns, atol=1e-8)
+            here, there = (np.sort(np.cos(own.phases)) for own in (orbit, other))
+            np.testing.assert_allclose(here, there, atol=1e-8)
             speeds = np.sort(orbit.impulses) * (units[1] / units[0])
             np.testing.assert_allclose(speeds, np.sort(other.impulses), rtol=1e-8, atol=1e-10)
 
