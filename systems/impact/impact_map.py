@@ -213,6 +213,8 @@ class ImpactMap(DrivenStructure, Map):
             the default is the nearest position at which all gaps are one; where there is less room,
             a half, a quarter and so on. With a stop along a function of the coordinates it is that
             shape, or else plus or minus a half of it, twice it, a quarter, an eighth and so on.
+            These lengths are numbers: where lengths are measured in another unit, the default start
+            is another one, and may lead to another attractor.
         velocity : (N,) array_like
             Velocities; by default 0.
         phase : float

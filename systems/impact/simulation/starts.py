@@ -217,6 +217,11 @@ def start(
     return state_at(oscillator, x, v, turn, on[element], element, Motion.TABLE, closed + sticks)
 
 
+def own_start(oscillator: DrivenStructure) -> ImpactState:
+    """The default start with a length of the machine's own in place of one."""
+    return start(oscillator, None, None, 0.0, None, oscillator._length)
+
+
 def _sliding(oscillator: DrivenStructure, x: Array, turn: Array, given: object) -> Array:
     """Positions (N,) and sliders (J,); ValueError where sliders are not finite or too far off."""
     own = oscillator._sliders

@@ -10,7 +10,7 @@ import numpy as np
 
 from dynkit.core.no_motion import NoMotion
 from dynkit.systems.impact.records.record import ImpactRecord
-from dynkit.systems.impact.simulation.starts import start
+from dynkit.systems.impact.simulation.starts import own_start
 from dynkit.systems.impact.simulation.state import TWO_PI, ImpactState
 
 if TYPE_CHECKING:
@@ -27,7 +27,7 @@ SWITCHES = 32
 
 
 class Effort(NamedTuple):
-    """How much is simulated: parts of the motion from the default start, of so many impacts each.
+    """How much is simulated: parts of the motion from the first start, of so many impacts each.
 
     And as many impacts from each of some random starts.
     """
@@ -49,7 +49,7 @@ def simulated_motions(oscillator: ImpactMap, effort: Effort = FEW) -> Iterator[I
     """
     n, length, parts = oscillator.degrees_of_freedom, oscillator._length, []
     with suppress(NoMotion):
-        state = start(oscillator, None, None, 0.0, None, length)
+        state = own_start(oscillator)
         for _ in range(effort.parts):
             parts.append(_simulated(oscillator, state, effort.impacts))
             state = parts[-1].final
