@@ -17,6 +17,7 @@ from dynkit.core.reprs import Facts, span, table
 from dynkit.core.validation import Array, boolean, finite_array, of_type, one_of, unmasked
 from dynkit.data.dataset import Dataset, described
 from dynkit.data.result import Saved
+from dynkit.labels.label import OrbitLabel
 from dynkit.plotting.figures import print_style
 from dynkit.plotting.points import axis_title, dots, draw_diagram
 from dynkit.sweeps import Sweep
@@ -84,6 +85,13 @@ class BifurcationDiagram(Saved):
             name: _observed(name, numbers, len(values))
             for name, numbers in self.observables.items()
         }
+        of_type("parameter", self.parameter, str, "a name")
+        sequence = not isinstance(self.labels, str) and isinstance(self.labels, Sequence)
+        if not sequence or not all(isinstance(one, str | OrbitLabel) for one in self.labels):
+            raise ValueError(f"labels must be a sequence of labels or texts; got {self.labels!r}")
+        of_type("symbols", self.symbols, Mapping, "texts by name")
+        for name, symbol in self.symbols.items():
+            of_type(f"symbols[{name!r}]", symbol, str, "a text")
         if len(self.labels) not in (0, len(values)):
             raise ValueError(
                 f"labels must be one for each of {len(values)} values; got {len(self.labels)}"
@@ -229,7 +237,8 @@ def _observed(name: str, numbers: object, count: int) -> Array:
     array = np.array(numbers, dtype=np.float64)
     if array.ndim != 2 or len(array) != count:
         raise ValueError(
-            f"observables[{name!r}] must have shape ({count}, any); got shape {array.shape}"
+            f"observables[{name!r}] must have shape ({count}, n), for any n; got shape "
+            f"{array.shape}"
         )
     if np.isinf(array).any():
         raise ValueError(f"observables[{name!r}] must be finite or NaN; got an infinity")

@@ -206,9 +206,15 @@ def measure(
     box = [_found(path, entries, new)]
     if box[0].states < stream.keep:
         with stores.locked(path):
-            box[0] = _found(path, entries, new)  # another process may have written since
-            with Keeper(path, lambda: archive_of(box[0], entries), lambda: box[0].states) as keeper:
-                _follow(stream, box, keeper, shown=shown)
+            existed, box[0] = path.exists(), _found(path, entries, new)  # maybe written since
+            keeper = Keeper(path, lambda: archive_of(box[0], entries), lambda: box[0].states)
+            try:
+                with keeper:
+                    _follow(stream, box, keeper, shown=shown)
+            except ValueError:  # a wrong argument, as the name of an observable
+                if not (existed or box[0].states):
+                    path.unlink(missing_ok=True)
+                raise
     return box[0]
 
 

@@ -70,8 +70,10 @@ def read(path: Path) -> NotebookNode:
 
 
 @contextmanager
-def executing() -> Iterator[Callable[[NotebookNode], NotebookNode]]:
+def executing(pictures: str = "png") -> Iterator[Callable[[NotebookNode], NotebookNode]]:
     """Start a kernel, in which notebooks are executed from their first cells to their last.
+
+    Pictures are "png", or "retina" with twice the points.
 
     Each finds no names of others, and has a folder of its own. To start a kernel and to import what
     all of them need takes longer than most of them.
@@ -87,7 +89,7 @@ def executing() -> Iterator[Callable[[NotebookNode], NotebookNode]]:
             new.new_notebook(),
             timeout=_TIMEOUT,
             extra_arguments=[
-                "--InlineBackend.figure_formats={'retina'}",
+                f"--InlineBackend.figure_formats={{{pictures!r}}}",
                 f"--IPKernelApp.exec_lines={_FIRST}",
             ],
             kernel_name="python3",
@@ -167,7 +169,7 @@ def refresh(paths: Iterable[Path]) -> None:
     """Execute notebooks and write them with their outputs."""
     import nbformat
 
-    with executing() as execute:
+    with executing("retina") as execute:
         for path in paths:
             notebook = without_noise(execute(read(path)))
             nbformat.write(notebook, path)  # type: ignore[no-untyped-call]

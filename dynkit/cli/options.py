@@ -239,7 +239,9 @@ def _elements(given: object) -> tuple[Element, ...]:
 
 def _made(name: str, given: object, kinds: Mapping[str, Any]) -> Any:
     """Return what a table of a file stands for, by its kind; ValueError for what is none."""
-    numbers = dict(given) if isinstance(given, dict) else {}
+    if not isinstance(given, dict):
+        raise ValueError(f"{name} must be a table with a kind; got {given!r}")
+    numbers = dict(given)
     kind = kinds[one_of(f"{name}.kind", numbers.pop("kind", None), kinds)]
     fields = {key: entry for key, entry in kind.__dataclass_fields__.items() if key != "_"}
     for key in numbers:

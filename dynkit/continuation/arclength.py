@@ -14,7 +14,7 @@ from dynkit.continuation.closure import passes, return_to
 from dynkit.continuation.corrector import Failure
 from dynkit.continuation.method import ContinuationMethod
 from dynkit.continuation.orbit_equations import CurveEquations
-from dynkit.continuation.points import Point, beside, interpolated, rescaled
+from dynkit.continuation.points import Point, beside, interpolated, rescaled, slope
 from dynkit.continuation.termination import Bound, Ending, Reason
 from dynkit.core.progress import late_bar
 from dynkit.core.validation import Array
@@ -237,12 +237,13 @@ class Continuation:
 
     def _left_between(self, before: Point, after: Point) -> bool:
         """Whether the curve turns back beyond a bound between two points."""
-        length = float(np.linalg.norm((after.y - before.y) / before.scale))
+        way = after.y - before.y
+        length = float(np.linalg.norm(way / before.scale))
         for bound in self.bounds:
             i = bound.unknown
-            a, b = (length * end.tangent[i] * end.scale[i] for end in (before, after))
+            a, b = (float(slope(end, way)[i]) for end in (before, after))
             if a * b < 0.0:
-                turn = brentq(partial(_slope, a, b, after.y[i] - before.y[i]), 0.0, 1.0)
+                turn = brentq(partial(_slope, a, b, way[i]), 0.0, 1.0)
                 if not bound.low <= interpolated(before, after, turn)[i] <= bound.high:
                     there = self.at(before, turn * length)
                     return isinstance(there, Point) and self._left(there) is not None

@@ -18,7 +18,7 @@ from dynkit.continuation.results.membership import Trail
 from dynkit.continuation.results.solution_curve import ERROR
 from dynkit.core.cost import Cost
 from dynkit.core.reprs import Facts, span, table
-from dynkit.core.validation import Array, finite_scalar
+from dynkit.core.validation import Array, finite_scalar, of_type
 from dynkit.data.dataset import Dataset, Variables, described
 from dynkit.data.result import Saved, read_result, write_result
 from dynkit.orbits.equations import ProblemSolution
@@ -274,8 +274,10 @@ class Network(Viewed, Saved):
         """
         if isinstance(orbits, ProblemSolution) or not isinstance(orbits, Iterable):
             raise ValueError(f"orbits must be a sequence of orbits; got {orbits!r}")
-        network, file, archive = read_result(path, cls)
         given = list(orbits)
+        for k, orbit in enumerate(given):
+            of_type(f"orbits[{k}]", orbit, ProblemSolution, "a PeriodicOrbit or an Equilibrium")
+        network, file, archive = read_result(path, cls)
 
         def with_its_orbits(branch: Branch) -> Branch:
             for orbit in given:

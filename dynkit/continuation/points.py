@@ -88,10 +88,14 @@ def beside(before: Point, after: Point, y: Array, slack: tuple[float, float], mo
     return -more <= along <= length + more and float(gap @ gap) <= most * length
 
 
+def slope(point: Point, way: Array) -> Array:
+    """Return the tangent of a point, as long as a way in the scale of that point."""
+    return np.asarray(point.tangent * point.scale * np.linalg.norm(way / point.scale))
+
+
 def interpolated(before: Point, after: Point, part: float) -> Array:
     """Return unknowns between two points on the cubic through both with their tangents."""
     way = after.y - before.y
-    length = float(np.sqrt(np.sum((way / before.scale) ** 2)))
-    first, last = before.tangent * before.scale * length, after.tangent * after.scale * length
+    first, last = slope(before, way), slope(after, way)
     s, r = part, 1.0 - part
     return np.asarray(before.y + way * s * s * (3.0 - 2.0 * s) + s * r * (r * first - s * last))

@@ -265,25 +265,29 @@ def extrapolated(
     ----------
     See `parameter_difference`.
     """
-    rows: list[Array] = []
+    coarse = np.empty((0, 2, 0))
     waited, constant = 0, True
     for slope, mean, width in quotients:
-        row = [np.stack([slope, mean])]
-        if not rows:
-            best, error = slope, np.full(slope.shape, np.inf)
-        found, its_error = slope, np.full(slope.shape, np.inf)
-        for order, coarse in enumerate(rows, start=1):
-            row.append(row[-1] + (row[-1] - coarse) / (power**order - 1.0))
-            moved = np.maximum(abs(row[-1] - row[-2])[0], abs(row[-1] - coarse)[0])
-            change = moved + (abs(row[-1][1]) + noise) / width
-            nearer = change < its_error
-            found = np.where(nearer, row[-1][0], found)
-            its_error = np.where(nearer, change, its_error)
+        row = np.empty((len(coarse) + 1, 2, slope.size))
+        row[0, 0], row[0, 1] = slope.ravel(), mean.ravel()
+        for k, before in enumerate(coarse):
+            np.add(row[k], (row[k] - before) / (power ** (k + 1) - 1.0), out=row[k + 1])
+        if len(coarse):
+            limits = row[1:, 0]
+            changes = np.maximum(abs(limits - row[:-1, 0]), abs(limits - coarse[:, 0]))
+            changes += (abs(row[1:, 1]) + noise) / width
+            changes[np.isnan(changes)] = np.inf
+            nearest = changes.argmin(axis=0), np.arange(slope.size)
+            its_error = changes[nearest].reshape(slope.shape)
+            found = np.where(its_error < np.inf, limits[nearest].reshape(slope.shape), slope)
+        else:
+            found = best = slope
+            its_error = error = np.full(slope.shape, np.inf)
         # an earlier estimate that smaller steps contradict agreed by chance
         contradicted = abs(found - best) > _MARGIN * (error + its_error)
         better = (its_error < error) | contradicted
         best, error = np.where(better, found, best), np.where(better, its_error, error)
-        rows = row
+        coarse = row
         largest, worst = float(abs(best).max(initial=0.0)), float(error.max(initial=0.0))
         constant = constant and not (slope.any() or mean.any())
         clear = constant or worst <= _CLEAR * largest

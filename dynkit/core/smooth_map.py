@@ -1,6 +1,5 @@
 """Smooth maps: the part of a `Map` that periodic orbits and their multipliers need."""
 
-import math
 from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
 from typing import Any, ClassVar, final
@@ -14,6 +13,7 @@ from dynkit.core.parameters import Family
 from dynkit.core.stretching import Stretching, product_with_error
 from dynkit.core.validation import (
     Array,
+    all_finite,
     finite_array,
     finite_scalar,
     non_negative_integer,
@@ -408,7 +408,7 @@ class SmoothMap(Family, ABC):
     @final
     def _returned(self, state: Array) -> Array:
         """The next state, (d,), as numbers; ValueError where the call returns anything else."""
-        return returned(type(self).__name__, self(state), self.dimension)
+        return returned(self, self(state), self.dimension)
 
     @final
     def image(self, state: Array) -> Array:
@@ -427,8 +427,8 @@ class SmoothMap(Family, ABC):
         return found
 
 
-def checked_map(system: object, kind: type = SmoothMap) -> Any:
-    """Return the system after a check that it is a map of this kind.
+def checked_map(system: object, kind: type = SmoothMap, what: str = "a Map") -> Any:
+    """Return the system after a check that it is a map, or what else is described, of this kind.
 
     Raises
     ------
@@ -440,7 +440,7 @@ def checked_map(system: object, kind: type = SmoothMap) -> Any:
     if isinstance(system, type):
         name = system.__name__
         raise ValueError(f"system must be an instance, such as {name}(...); got the class {name}")
-    raise ValueError(f"system must be a Map; got {system!r}")
+    raise ValueError(f"system must be {what}; got {system!r}")
 
 
 def generic_direction(dimension: int) -> Array:
@@ -466,8 +466,7 @@ def refuse_infinite(state: Array, iterates: int) -> None:
     Diverged
         The message names the first coordinate that is infinite or NaN.
     """
-    # the sum of finite numbers may overflow: only then each number is checked
-    if math.isfinite(sum(state.tolist())) or np.isfinite(state).all():
+    if all_finite(state):
         return
     i = int(np.argmin(np.isfinite(state)))
     after = f"{iterates} iterate{'s' if iterates > 1 else ''}"

@@ -51,9 +51,9 @@ def product_with_error(factors: Array, errors: Array) -> tuple[Array, float]:
     `errors` (n,) bound the errors of the entries of each factor. The bound is of first order in
     them and leaves out rounding.
     """
-    product, error = factors[0], float(errors[0])
+    product, error = factors[0], np.full(factors[0].shape, errors[0])
     for factor, off in zip(factors[1:], errors[1:], strict=True):
-        grown = error * np.linalg.norm(factor, np.inf)
-        error = float(grown + off * np.linalg.norm(product, 1))
+        # entry by entry: norms of factors would multiply the units of coordinates
+        error = abs(factor) @ error + off * abs(product).sum(axis=0)
         product = factor @ product
-    return product, error
+    return product, float(error.max())

@@ -17,6 +17,8 @@ Array: TypeAlias = NDArray[np.float64]
 
 _Scalar = TypeVar("_Scalar", bound=np.generic)
 
+_DOUBLES = np.dtype(np.float64)
+
 # A Python loop over this many numbers is faster than a call of NumPy.
 _SHORT = 64
 
@@ -227,7 +229,8 @@ def one_of(name: str, value: Any, known: Iterable[str]) -> str:
     """
     names = tuple(known)
     if not isinstance(value, str) or value not in names:
-        raise _refusal(name, f"be one of: {', '.join(names) or 'none'}", value)
+        limit = f"be one of: {', '.join(names)}" if names else "be a known name, and there is none"
+        raise _refusal(name, limit, value)
     return str(value)
 
 
@@ -319,9 +322,13 @@ def finite_array(name: str, value: object, shape: tuple[int | None, ...]) -> Arr
     if len(lengths) != len(shape) or any(
         asked is not None and asked != found for asked, found in zip(shape, lengths, strict=True)
     ):
-        asked_for = str(tuple("any" if n is None else n for n in shape)).replace("'", "")
+        if set(shape) == {None}:
+            asked_for = f"{len(shape)} dimension{'s' * (len(shape) > 1)}"
+        else:
+            asked_for = "shape " + str(tuple("any" if n is None else n for n in shape))
+            asked_for = asked_for.replace("'any'", "n") + ", for any n" * (None in shape)
         advice = f"; a single coordinate is {name}[:, None]" if _is_column(lengths, shape) else ""
-        raise ValueError(f"{name} must have shape {asked_for}; got shape {lengths}{advice}")
+        raise ValueError(f"{name} must have {asked_for}; got shape {lengths}{advice}")
     finite = np.isfinite(array)
     if not finite.all():
         index = tuple(int(i) for i in np.argwhere(~finite)[0])
@@ -330,16 +337,21 @@ def finite_array(name: str, value: object, shape: tuple[int | None, ...]) -> Arr
     return array
 
 
-def returned(name: str, value: object, size: int) -> Array:
+def returned(owner: object, value: object, size: int, method: str = "") -> Array:
     """Return what a method of the user returned as floats, (size,); they need not be finite.
+
+    The message names the owner's class, and the method as in ``".velocity"``.
 
     Raises
     ------
     ValueError
         When it is not an array of so many real numbers.
     """
+    if type(value) is np.ndarray and value.dtype is _DOUBLES and value.shape == (size,):
+        return value
     found = np.asarray(value)
     if found.shape != (size,) or found.dtype.kind not in "fiu":
+        name = f"{type(owner).__name__}{method}"
         raise ValueError(f"{name} must return {size} real numbers, ({size},); got {value!r}")
     return np.asarray(found, dtype=np.float64)
 
@@ -399,13 +411,19 @@ def _is_fit(value: object, shape: tuple[int | None, ...]) -> TypeGuard[Array]:
     """Whether the value is already a short finite vector of this shape, such as a map's state."""
     return (
         type(value) is np.ndarray
-        and value.dtype == np.float64
+        and value.dtype is _DOUBLES
         and value.shape == shape
         and value.ndim == 1
         and value.size <= _SHORT
-        # the sum of finite numbers may overflow: then the full check decides
         and math.isfinite(sum(value.tolist()))
     )
+
+
+def all_finite(numbers: Array) -> bool:
+    """Whether all numbers of an array, of real ones, are finite."""
+    # the sum of finite numbers may overflow: then the full check decides
+    few = numbers.size <= _SHORT and math.isfinite(sum(numbers.ravel().tolist()))
+    return few or bool(np.isfinite(numbers).all())
 
 
 def regular_array(name: str, value: object, numbers: str = "real") -> Any:

@@ -12,7 +12,21 @@ from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import BinaryIO
 
+from dynkit.core.validation import of_type
+
 __all__ = ["whole"]
+
+
+def checked_path(name: str, path: str | os.PathLike[str]) -> str:
+    """Return the text of a path.
+
+    Raises
+    ------
+    ValueError
+        When it is no path.
+    """
+    of_type(name, path, str | os.PathLike, "a path")
+    return os.fsdecode(path)
 
 
 def place(name: str, path: str | os.PathLike[str]) -> Path:
@@ -36,9 +50,7 @@ def place(name: str, path: str | os.PathLike[str]) -> Path:
     ...
     ValueError: out must be in a folder that exists; got 'no/such/folder/x.csv'
     """
-    if not isinstance(path, str | os.PathLike):
-        raise ValueError(f"{name} must be a path; got {path!r}")
-    given = os.fspath(path)
+    given = checked_path(name, path)
     try:
         file = Path(given).resolve()
         is_file, exists, in_folder = file.is_file(), file.exists(), file.parent.is_dir()

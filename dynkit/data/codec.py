@@ -1,12 +1,22 @@
 """Conversion of results to plain data and back: numbers, texts, arrays, and records of them.
 
 The annotations of a class are the schema by which its data are written and read. No class is looked
-up by a name from a file.
+up by a name from a file. A class may define
+
+1. ``_stored``, the names of the attributes and cached properties that are stored; by default the
+   public fields of a dataclass or named tuple;
+2. ``_stored_if_known``, the names of cached properties that are stored where they were computed;
+3. ``_given``, the name of the attribute that is not stored: the reader gives it, such as the system
+   of a motion;
+4. ``_restored()``, which returns the object with everything that follows from these attributes, or
+   raises ValueError where they do not fit together. By default `dataset` is called for its checks.
 """
 
 from __future__ import annotations
 
 import dataclasses
+import inspect
+import sys
 import types
 from collections.abc import Mapping, Sequence
 from enum import Enum
@@ -39,8 +49,10 @@ def encoded(name: str, value: Any, arrays: Arrays) -> Any:
         return [value.real, value.imag]
     if value is None or isinstance(value, bool | int | float | str):
         return value
-    if _is_record(type(value)):
-        value = {key: getattr(value, key) for key in schema(type(value))}
+    if _is_record(kind := type(value)):
+        told = {"kind": kind.__name__} if hasattr(kind, "_restored") else {}
+        unknown = {key for key in _if_known(kind) if key not in vars(value)}
+        value = told | {key: getattr(value, key) for key in schema(kind) if key not in unknown}
     if isinstance(value, Mapping):
         return {
             str(key): encoded(f"{name}/{key}".lstrip("/"), part, arrays)
@@ -51,8 +63,13 @@ def encoded(name: str, value: Any, arrays: Arrays) -> Any:
     raise TypeError(f"{name} must be plain data; got {value!r}")
 
 
-def decoded(hint: Any, name: str, tree: Any, arrays: Mapping[str, NDArray[Any]]) -> Any:
+def decoded(
+    hint: Any, name: str, tree: Any, arrays: Mapping[str, NDArray[Any]], given: Any = None
+) -> Any:
     """Return the value of an annotated type from the tree and the arrays of `encoded`.
+
+    `given` is the object of `_given`. Its ``_solutions`` are the classes that the annotation of
+    an abstract class or a protocol may stand for.
 
     Raises
     ------
@@ -64,7 +81,7 @@ def decoded(hint: Any, name: str, tree: Any, arrays: Mapping[str, NDArray[Any]])
         if tree is None and type(None) in parts:
             return None
         (hint,) = (part for part in parts if part is not type(None))
-        return decoded(hint, name, tree, arrays)
+        return decoded(hint, name, tree, arrays, given)
     if origin is np.ndarray or hint is Any:  # real or complex
         array = arrays[_is(str, name, tree)]
         if array.dtype.kind not in ("fc" if hint is Any else _KINDS[get_args(parts[1])[0]]):
@@ -76,11 +93,11 @@ def decoded(hint: Any, name: str, tree: Any, arrays: Mapping[str, NDArray[Any]])
         alike = origin is Sequence or parts[1:] == (...,)
         hints = [parts[0]] * len(rows) if alike else parts
         each = enumerate(zip(hints, rows, strict=True))
-        return tuple(decoded(of, f"{name}/{i}", row, arrays) for i, (of, row) in each)
+        return tuple(decoded(of, f"{name}/{i}", row, arrays, given) for i, (of, row) in each)
     if isinstance(origin, type) and issubclass(origin, Mapping):
         key_of, of = parts
         items = _is(dict, name, tree).items()
-        return {key_of(key): decoded(of, f"{name}/{key}", row, arrays) for key, row in items}
+        return {key_of(key): decoded(of, f"{name}/{key}", row, arrays, given) for key, row in items}
     if origin is Literal:
         return parts[parts.index(tree)]
     if hint is complex:
@@ -89,15 +106,23 @@ def decoded(hint: Any, name: str, tree: Any, arrays: Mapping[str, NDArray[Any]])
         return float(_is(float, name, float(tree) if type(tree) is int else tree))
     if isinstance(hint, type) and issubclass(hint, Enum):
         return hint[_is(str, name, tree)]
+    protocol = getattr(hint, "_is_protocol", False)
+    if protocol or inspect.isabstract(hint):
+        kinds = {kind.__name__: kind for kind in given._solutions}
+        hint = kinds[_is(str, f"{name}/kind", _is(dict, name, tree)["kind"])]
     if _is_record(hint):
         rows, known = _is(dict, name, tree), schema(hint)
-        optional = _arguments(hint)
+        optional = _arguments(hint) | dict.fromkeys(_if_known(hint), True)
         found = {
-            key: decoded(of, f"{name}/{key}", rows[key], arrays)
+            key: decoded(of, f"{name}/{key}", rows[key], arrays, given)
             for key, of in known.items()
             if key in rows or not optional.get(key)  # older stores lack newer optional fields
         }
+        if name_of_given := getattr(hint, "_given", None):
+            found[name_of_given] = given
         record = _made(hint, found)
+        if hasattr(hint, "_restored"):
+            return record._restored()
         if hasattr(hint, "dataset"):  # it raises for arrays whose shapes do not agree
             record.dataset()
         return record
@@ -117,21 +142,27 @@ def _is_record(kind: Any) -> bool:
 
 
 def schema(kind: Any) -> dict[str, Any]:
-    """Return the stored attributes of a class, by name, with their annotated types.
-
-    They are the attributes and cached properties named in ``_stored``, by default the public fields
-    of a dataclass or named tuple.
-    """
-    hints = get_type_hints(kind)
+    """Return the stored attributes of a class, by name, with their annotated types."""
     public = [name for name in _arguments(kind) if not name.startswith("_")]
     found = {}
-    for name in getattr(kind, "_stored", public):
+    for name in (*getattr(kind, "_stored", public), *_if_known(kind)):
         member = getattr(kind, name, None)
         if isinstance(member, cached_property):
             found[name] = get_type_hints(member.func)["return"]
         else:
-            found[name] = hints[name]
+            found[name] = _hint(kind, name)
     return found
+
+
+def _if_known(kind: Any) -> tuple[str, ...]:
+    return getattr(kind, "_stored_if_known", ())
+
+
+def _hint(kind: type, name: str) -> Any:
+    """Return the annotated type of an attribute; others may be known to type checkers only."""
+    base = next(base for base in kind.__mro__ if name in inspect.get_annotations(base))
+    alone = types.SimpleNamespace(__annotations__={name: inspect.get_annotations(base)[name]})
+    return get_type_hints(alone, vars(sys.modules[base.__module__]))[name]
 
 
 def _arguments(kind: Any) -> dict[str, bool]:

@@ -16,7 +16,7 @@ from dynkit._version import __version__
 from dynkit.core.cost import Cost
 from dynkit.core.reprs import system_repr
 from dynkit.core.validation import of_type
-from dynkit.data.atomic_files import whole
+from dynkit.data.atomic_files import checked_path, whole
 
 if TYPE_CHECKING:
     import xarray
@@ -172,9 +172,10 @@ class Dataset:
         ValueError
             When the file has another ending, or cannot be written.
         """
-        ending = Path(os.fsdecode(path)).suffix
+        given = checked_path("path", path)
+        ending = Path(given).suffix
         if ending not in ENDINGS:
-            raise ValueError(f"path must end in {', '.join(ENDINGS)}; got {os.fspath(path)!r}")
+            raise ValueError(f"path must end in {', '.join(ENDINGS)}; got {given!r}")
         with whole("path", path) as stream:
             stream.write(self.as_bytes(ending))
 

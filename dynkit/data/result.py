@@ -5,14 +5,17 @@ from __future__ import annotations
 import json
 import os
 from abc import ABC, abstractmethod
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar, Self, TypeVar, final
 
 import numpy as np
 
 from dynkit._version import __version__
+from dynkit.core.parameters import Family
 from dynkit.core.reprs import Facts, Tabled, table
+from dynkit.core.smooth_map import checked_map
 from dynkit.data import store
 from dynkit.data.atomic_files import reason
 from dynkit.data.codec import decoded, encoded
@@ -119,10 +122,65 @@ class Saved(Result):
         return read_result(path, cls)[0]
 
 
+class SavedWithSystem(Result):
+    """A result with a store that is read with the system of the result.
+
+    The store holds the values of the system's parameters, and identifies all else of it. `_stored`
+    names the attributes that determine all others: see `dynkit.data.codec`.
+    """
+
+    _stored: ClassVar[tuple[str, ...]]
+    _given: ClassVar[str | None] = None
+
+    def save(self, path: str | os.PathLike[str]) -> None:
+        """Write the result to a store (HDF5). After a failure the old file remains.
+
+        Raises
+        ------
+        ValueError
+            When the file cannot be written, or a field of the system cannot be stored.
+        """
+        me: Any = self
+        write_result(path, self, store.entries_of(me.system))
+
+    @classmethod
+    def load(cls, path: str | os.PathLike[str], system: Any) -> Self:
+        """Read a result from a store, bit for bit as it was saved.
+
+        What the result computes when it is first read, it computes again from the same bits.
+
+        Parameters
+        ----------
+        path : path
+        system : Map or Flow
+            The system of the result, at any values of its parameters: the result has those of the
+            store.
+
+        Raises
+        ------
+        ValueError
+            When the file is missing, damaged or not a store of such a result, or was made with
+            another system.
+
+        Examples
+        --------
+        >>> from pathlib import Path
+        >>> from tempfile import TemporaryDirectory
+        >>> from dynkit import MapOrbit, periodic_orbit
+        >>> from dynkit.systems import Logistic
+        >>> with TemporaryDirectory() as folder:
+        ...     periodic_orbit(Logistic(rate=3.2), [0.5], period=2).save(Path(folder, "x.h5"))
+        ...     MapOrbit.load(Path(folder, "x.h5"), Logistic(rate=1.0))
+        <P(2) of Logistic(rate=3.2): stable>
+        """
+        checked_map(system, Family, "a Map or a Flow")
+        return read_result(path, cls, partial(store.at_parameters, system))[0]
+
+
 _Read = TypeVar("_Read")
 
 
-def write_result(path: str | os.PathLike[str], result: Saved, entries: Mapping[str, str]) -> None:
+def write_result(path: str | os.PathLike[str], result: Result, entries: Mapping[str, str]) -> None:
     """Write a result and further entries to a store; ValueError where it cannot be written."""
     file, archive = store.place(path), archive_of(result, entries)
     with store.locked(file):
@@ -142,9 +200,14 @@ def archive_of(result: object, entries: Mapping[str, str]) -> store.Archive:
 
 
 def read_result(
-    path: str | os.PathLike[str], kind: type[_Read]
+    path: str | os.PathLike[str],
+    kind: type[_Read],
+    lacking: Callable[[Path, store.Archive], Any] | None = None,
 ) -> tuple[_Read, Path, store.Archive]:
     """Return the result of a store, its file and its archive.
+
+    `lacking` returns the object that the result needs and the store lacks: see `_given` of
+    `dynkit.data.codec`.
 
     Raises
     ------
@@ -153,9 +216,12 @@ def read_result(
     """
     file = store.place(path)
     archive = store.read(file)
-    if archive.entries.get("kind") != kind.__name__:
-        raise ValueError(f"store must hold a {kind.__name__}; got {file}")
+    name, held = kind.__name__, archive.entries.get("kind")
+    if held != name:
+        an = "an" if name[0] in "AEIOU" else "a"
+        raise ValueError(f"store must hold {an} {name}; got {file}, which holds: {held}")
+    given = lacking(file, archive) if lacking else None
     with store.understood(file, kind.__name__):
         tree = json.loads(archive.arrays["json"].tobytes())
-        found: _Read = decoded(kind, "", tree, archive.arrays)
+        found: _Read = decoded(kind, "", tree, archive.arrays, given)
     return found, file, archive

@@ -8,17 +8,21 @@ are interpreted.
 
 import hashlib
 import io
+import json
 import os
 from collections.abc import Generator, Iterable, Mapping
 from contextlib import AbstractContextManager, contextmanager
 from dataclasses import dataclass
 from enum import Enum
 from pathlib import Path
-from typing import Any, Protocol, final
+from typing import Any, Protocol, Self, TypeVar, final
 
 import numpy as np
 from numpy.typing import NDArray
 
+from dynkit.core.overriding import Extensible
+from dynkit.core.parameters import without_cached
+from dynkit.core.user_code import code_of
 from dynkit.data import atomic_files as files
 
 FORMAT = 1
@@ -200,8 +204,24 @@ class HasIdentity(Protocol):
 
     @property
     def identity(self) -> Mapping[str, object]:
-        """Numbers, strings, arrays, and tuples of them."""
+        """Numbers, strings, arrays, flows, sections, and tuples of them."""
         ...
+
+
+class HasParameters(HasIdentity, Protocol):
+    """A system with named parameters, changed by `replace`."""
+
+    @property
+    def parameters(self) -> Mapping[str, float]:
+        """The parameters by name."""
+        ...
+
+    def replace(self, **parameters: float) -> Self:
+        """Return the same system with other values of some parameters."""
+        ...
+
+
+_System = TypeVar("_System", bound=HasParameters)
 
 
 def kind_of(system: object) -> str:
@@ -220,6 +240,44 @@ def identity_of(system: HasIdentity) -> dict[str, str]:
     return {f"system.{name}": _text(name, value) for name, value in system.identity.items()}
 
 
+def entries_of(system: HasParameters) -> dict[str, str]:
+    """Return the entries of a store by which `at_parameters` makes the system of a result again.
+
+    Raises
+    ------
+    ValueError
+        As `identity_of`.
+    """
+    values = json.dumps(dict(system.parameters))
+    return {"system": kind_of(system), "parameters": values, **identity_of(system)}
+
+
+def at_parameters(system: _System, path: Path, archive: Archive) -> _System:
+    """Return a system with the values of its parameters that an archive holds.
+
+    Raises
+    ------
+    ValueError
+        When the archive holds none, or all else of the system differs from that of the archive.
+    """
+    with understood(path, "system with its parameters"):
+        made = {name: float(p) for name, p in json.loads(archive.entries["parameters"]).items()}
+    _refuse_other_class(path, archive, system)
+    known = system.parameters
+    for name in made:
+        if name not in known:
+            raise ValueError(
+                f"store {path} was made with parameter {name}; got a system without it"
+            )
+    changed = {name: p for name, p in made.items() if repr(p) != repr(known[name])}
+    try:
+        found = system.replace(**changed) if changed else system
+    except ValueError as refusal:
+        raise ValueError(f"store {path} must hold parameters of the system: {refusal}") from refusal
+    refuse_other_system(path, archive, found)
+    return found
+
+
 def refuse_other_system(path: Path, archive: Archive, system: HasIdentity) -> None:
     """Raise when a system differs from that of an archive.
 
@@ -228,9 +286,15 @@ def refuse_other_system(path: Path, archive: Archive, system: HasIdentity) -> No
     ValueError
         The message names the first difference.
     """
+    if "system" in archive.entries:
+        _refuse_other_class(path, archive, system)
     asked = identity_of(system)
     made = [key for key in archive.entries if key.startswith("system.")]
-    refuse_other_entries(path, archive, asked, sorted({*made, *asked}))
+    refuse_other_entries(path, archive, asked, dict.fromkeys([*asked, *made]))
+
+
+def _refuse_other_class(path: Path, archive: Archive, system: object) -> None:
+    refuse_other_entries(path, archive, {"system": kind_of(system)}, ["system"])
 
 
 def refuse_other_entries(
@@ -265,6 +329,11 @@ def _plain(name: str, value: object) -> str:
         value = value.item()
     if isinstance(value, tuple | list):
         return f"({', '.join(_plain(name, part) for part in value)})"
+    if isinstance(value, Extensible):  # a flow or a section, as part of a map
+        code = {"code": code_of(type(value))} if code_of(type(value)) else {}
+        own = getattr(value, "identity", None) or without_cached(value) | code
+        parts = (f"{key}={_plain(f'{name}.{key}', part)}" for key, part in own.items())
+        return f"{type(value).__name__}({', '.join(parts)})"
     if isinstance(value, Enum):
         return value.name
     if value is None or isinstance(value, bool | int | float | complex | str):

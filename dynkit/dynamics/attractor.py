@@ -12,7 +12,7 @@ from dynkit.core.cost import Cost
 from dynkit.core.overriding import Extensible
 from dynkit.core.reprs import Facts, system_repr
 from dynkit.core.smooth_map import SmoothMap
-from dynkit.core.validation import Array, one_of
+from dynkit.core.validation import Array, of_type, one_of
 from dynkit.data.dataset import Dataset, described, known_error
 from dynkit.data.result import Result
 from dynkit.dynamics.section import PoincareSection
@@ -187,6 +187,7 @@ class Attractor(Extensible, Result, ABC):
         A map jumps over the section: these are the states on or beyond it, in the section's
         direction, whose predecessor lies before it.
         """
+        of_type("section", section, PoincareSection, "a PoincareSection")
         values = [section.direction * section.value(state) for state in self.states]
         side = np.array(values) >= 0.0
         return self.states[1:][side[1:] & ~side[:-1]]

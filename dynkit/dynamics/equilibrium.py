@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Callable, Mapping, Sequence
 from functools import partial
-from typing import Any, final
+from typing import Any, ClassVar, Self, final
 
 import numpy as np
 
@@ -15,7 +16,7 @@ from dynkit.dynamics.centre import crossing, small_orbits
 from dynkit.dynamics.flow import Flow, flow_coordinates
 from dynkit.dynamics.poincare_map import PoincareMap
 from dynkit.dynamics.section import Hyperplane, PoincareSection, Stroboscope
-from dynkit.orbits.equations import Problem, ProblemSolution
+from dynkit.orbits.equations import KeptSolution, Problem, ProblemSolution
 from dynkit.orbits.families import FamilyProblem, FamilySolution, find_solution
 from dynkit.orbits.map_orbit import MapOrbit
 from dynkit.orbits.map_problem import MapProblem, sizes
@@ -52,12 +53,22 @@ class EquilibriumProblem(FamilyProblem):
         When the flow has no such parameter.
     """
 
+    _stored: ClassVar = ("_sizes", "_units")
+    _given: ClassVar = "_system"
+    _sizes: Array
+    _units: Array
+
     def __init__(self, flow: Flow, state: Array, names: Sequence[str] = ()) -> None:
         super().__init__(flow, names)
         self._sizes = sizes(state[None])
         self._units = np.ones(len(state))
         units = abs(self._jacobian(state, self.values)[0]) @ self._sizes
         self._units[units > 0.0] = units[units > 0.0]
+
+    def _restored(self) -> Self:
+        if not self._sizes.shape == self._units.shape == (self._system.dimension,):
+            raise ValueError(f"sizes {self._sizes.shape} and units {self._units.shape} do not fit")
+        return self.free()
 
     @property
     def label(self) -> str:
@@ -170,6 +181,14 @@ class Equilibrium(FamilySolution):
     It is made by `equilibrium` or taken from a branch. It is always admissible; its label is
     ``equilibrium``.
     """
+
+    _stored: ClassVar = KeptSolution._stored
+    _given: ClassVar = None
+    _problem: EquilibriumProblem
+
+    @classmethod
+    def load(cls, path: str | os.PathLike[str], system: Flow) -> Self:
+        return super(FamilySolution, cls).load(path, system)
 
     @property
     def state(self) -> Array:

@@ -169,7 +169,7 @@ class Flow(Family, ABC):
 
     def _velocity(self, state: Array) -> Array:
         """The velocity, (d,); ValueError where it is anything else."""
-        return returned(f"{type(self).__name__}.velocity", self.velocity(state), self.dimension)
+        return returned(self, self.velocity(state), self.dimension, ".velocity")
 
     def _checked(self, state: Array) -> Array:
         return finite_array("state", state, (self.dimension,))

@@ -13,7 +13,7 @@ import numpy as np
 
 from dynkit.core.differences import numerical_derivative, parameter_difference
 from dynkit.core.no_motion import NoCrossing, TangentCrossing, replaced
-from dynkit.core.validation import Array, finite_array, index_in, of_type, positive
+from dynkit.core.validation import Array, finite_array, index_in, of_type, positive, returned
 from dynkit.dynamics.flow import Basis, Crossing, Flow, every_direction
 from dynkit.dynamics.map import Map
 
@@ -258,7 +258,7 @@ class ResetMap(Map):
         return self._landed(self.crossing(state))
 
     def _landed(self, hit: Crossing) -> Array:
-        state = np.array(self.flow.reset(hit.state), dtype=np.float64)
+        state = returned(self.flow, self.flow.reset(hit.state), self.dimension, ".reset").copy()
         turning = list(self.angles)
         state[turning] %= _TURN
         return state

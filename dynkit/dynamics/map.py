@@ -14,6 +14,8 @@ from dynkit.core.validation import Array, finite_array, positive_integer
 from dynkit.dynamics.attractor import Attractor
 from dynkit.dynamics.map_attractor import MapAttractor
 from dynkit.dynamics.stream import Stream
+from dynkit.orbits.map_orbit import MapOrbit
+from dynkit.orbits.map_problem import MapProblem
 
 Arrivals: TypeAlias = tuple[NDArray[np.intp], Array, Cost]
 """Numbers of orbits (k,), states (k, d), and counted work: see `Map.arrivals`."""
@@ -78,11 +80,11 @@ class Map(SmoothMap):
     differences, unless the subclass defines them, too. Where they hold for its own call, it says so
     by ``jacobian = Base.jacobian``. Likewise the derivatives of a `Flow` belong to its velocity.
 
-    Stores and executors also require that the fields (`identity`) are numbers, strings, arrays, or
-    tuples of them. The class must be importable from a file, and instances must be picklable. A
-    store is continued by the same code of the class in the same version of Python, and refused
-    where a method has changed, or a function or constant that it names. Of constants, numbers,
-    texts, arrays and tuples are compared; lists, dictionaries and other objects are not.
+    Stores and executors also require that the fields (`identity`) are numbers, strings, arrays,
+    flows, sections, or tuples of them. The class must be importable from a file, and instances must
+    be picklable. A store is continued by the same code of the class in the same version of Python,
+    and refused where a method has changed, or a function or constant that it names. Of constants,
+    numbers, texts, arrays and tuples are compared; lists, dictionaries and other objects are not.
 
     Instances are immutable. `dynkit.testing.check_map` tests a subclass against this contract.
 
@@ -110,6 +112,11 @@ class Map(SmoothMap):
     """
 
     _closed: ClassVar[frozenset[str]] = frozenset({"orbit_factors", "seen_of"})
+
+    @property
+    def _solutions(self) -> tuple[type, ...]:
+        """Classes of its periodic orbits and of their equations, as stores hold them."""
+        return MapOrbit, MapProblem
 
     def attractor(self, *, start: Any = None, transient: int = 700, keep: int = 100) -> Attractor:
         """Return the motion from a start after its transient.

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 from functools import cached_property
-from typing import TYPE_CHECKING, final
+from typing import TYPE_CHECKING, ClassVar, Self, final
 
 import numpy as np
 
@@ -20,6 +20,7 @@ from dynkit.core.validation import (
     read_only,
     within_memory,
 )
+from dynkit.data.result import SavedWithSystem
 from dynkit.dynamics.attractor import Attractor
 from dynkit.labels.label import OrbitKind, OrbitLabel
 from dynkit.labels.labelling import Window, label_orbit, settled_label, with_multiplier
@@ -43,7 +44,7 @@ _MOST_NUMBERS = 1 << 27
 
 
 @final
-class MapAttractor(Attractor):
+class MapAttractor(Attractor, SavedWithSystem):
     """The attractor that the iterates of a start reach.
 
     Time counts iterates, from zero at the first kept state.
@@ -81,17 +82,37 @@ class MapAttractor(Attractor):
     True
     """
 
+    _stored: ClassVar = ("_start", "_transient", "_states", "_cost")
+    _stored_if_known: ClassVar = ("error",)
+    _given: ClassVar = "_system"
+    _system: SmoothMap
+    _start: Array
+    _transient: int
+    _states: Array
+    _cost: Cost
+
     def __init__(self, system: SmoothMap, start: Array, transient: int, iterations: int) -> None:
         began = time.perf_counter()
-        self._system: SmoothMap = checked_map(system)
+        self._system = checked_map(system)
         self._start = read_only(finite_array("start", start, (system.dimension,)).copy())
         self._transient = non_negative_integer("transient", transient)
         kept = positive_integer("iterations", iterations)
-        self._last = self._transient + kept - 1
-        count = self._last + 1
+        count = self._transient + kept
         within_memory("transient + iterations", count, 8.0 * count * system.dimension)
-        self._states = read_only(system.iterate(self._start, self._last)[self._transient :])
+        self._states = read_only(system.iterate(self._start, count - 1)[self._transient :])
         self._cost = Cost(time.perf_counter() - began, {"iterates": self._last})
+
+    def _restored(self) -> Self:
+        d = self._system.dimension
+        if self._start.shape != (d,) or self._states.shape != (max(len(self._states), 1), d):
+            raise ValueError(f"states of {d} numbers are {self._start.shape}, {self._states.shape}")
+        non_negative_integer("transient", self._transient)
+        return self
+
+    @property
+    def _last(self) -> int:
+        """Number of the last state among the iterates."""
+        return self._transient + len(self._states) - 1
 
     @property
     def system(self) -> SmoothMap:

@@ -77,7 +77,8 @@ class Stream:
     def identity(self) -> Mapping[str, object]:
         """Everything that determines the states of all blocks."""
         start = self.system.default_start if self.start is None else self.start
-        own = {"start": self.system.pack_state(start), "transient": self.transient}
+        packed = tuple(self.system.pack_state(start).tolist())
+        own: dict[str, object] = {"start": packed, "transient": self.transient}
         own |= {"block": self.block}
         return {**self.system.identity, **{f"stream.{name}": own[name] for name in own}}
 

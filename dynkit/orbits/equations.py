@@ -14,7 +14,7 @@ from dynkit.core.cost import Cost
 from dynkit.core.overriding import Extensible
 from dynkit.core.validation import Array, read_only
 from dynkit.data.dataset import Dataset, described
-from dynkit.data.result import Result
+from dynkit.data.result import Result, SavedWithSystem
 from dynkit.orbits.newton import NoSolution
 from dynkit.orbits.spectrum import Spectrum
 from dynkit.viewer.series import Series
@@ -295,7 +295,7 @@ class ProblemSolution(Extensible, Result, ABC):
         )
 
 
-class KeptSolution(ProblemSolution):
+class KeptSolution(ProblemSolution, SavedWithSystem):
     """A solution that consists of its problem, without free parameters, and its unknowns.
 
     Parameters
@@ -306,6 +306,12 @@ class KeptSolution(ProblemSolution):
     cost : Cost
     """
 
+    _stored: ClassVar[tuple[str, ...]] = ("_problem", "_x", "_history", "_cost")
+    _problem: Any
+    _x: Array
+    _history: tuple[float, ...]
+    _cost: Cost
+
     def __init__(self, problem: Any, x: Array, history: Sequence[float], cost: Cost) -> None:
         self._problem = problem
         self._x = read_only(np.array(x, dtype=np.float64))
@@ -315,6 +321,12 @@ class KeptSolution(ProblemSolution):
     def __reduce__(self) -> tuple[Any, ...]:
         # through __init__, which makes the copied arrays read-only
         return type(self), (self._problem, self._x, self._history, self._cost)
+
+    def _restored(self) -> Self:
+        if self._x.shape != (self._problem.size,) or not self._history:
+            sizes = f"{self._problem.size} unknowns and a residual"
+            raise ValueError(f"{self._x.shape} unknowns, {self._history} residuals, not {sizes}")
+        return self
 
     @property
     def history(self) -> tuple[float, ...]:

@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import copy
+import os
 import time
 from collections.abc import Mapping, Sequence
 from functools import cached_property
-from typing import Any, Self
+from pathlib import Path
+from typing import Any, ClassVar, Self
 
 import numpy as np
 
@@ -15,6 +17,8 @@ from dynkit.core.no_motion import Refused, replaced
 from dynkit.core.parameters import Family
 from dynkit.core.reprs import Facts, largest, system_repr, written
 from dynkit.core.validation import Array, finite_array, of_type, one_of, read_only
+from dynkit.data.result import read_result
+from dynkit.data.store import Archive, at_parameters
 from dynkit.orbits.equations import KeptSolution, Problem
 from dynkit.orbits.multiplier_errors import multiplier_errors
 from dynkit.orbits.newton import NoSolution
@@ -112,6 +116,34 @@ class FamilyProblem(Problem):
 
 class FamilySolution(KeptSolution):
     """A solution of a `FamilyProblem`, made by `find_solution` or taken from a branch."""
+
+    _stored: ClassVar[tuple[str, ...]] = ("_x", "_history", "_cost")
+    _given: ClassVar[str | None] = "_problem"
+
+    @classmethod
+    def load(cls, path: str | os.PathLike[str], problem: Any) -> Self:
+        """Read a solution from a store, bit for bit as it was saved.
+
+        Parameters
+        ----------
+        path : path
+        problem : FamilyProblem
+            The equations of the solution, at any values of the parameters of their system: the
+            solution has those of the store.
+
+        Raises
+        ------
+        ValueError
+            When the file is missing, damaged or not a store of such a solution, or was made with
+            another system or other equations.
+        """
+        of_type("problem", problem, FamilyProblem, "a FamilyProblem")
+
+        def solved(file: Path, archive: Archive) -> FamilyProblem:
+            found: FamilyProblem = problem._of(at_parameters(problem.system, file, archive), ())
+            return found
+
+        return read_result(path, cls, solved)[0]
 
     def __repr__(self) -> str:
         kind = "stable" if self.stable else "unstable"

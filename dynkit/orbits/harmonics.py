@@ -7,13 +7,15 @@ import time
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
-from typing import final
+from typing import ClassVar, final
 
 import numpy as np
 from numpy.typing import NDArray
 
 from dynkit.core.cost import Cost
 from dynkit.core.validation import Array, finite_array, finite_scalar, positive
+from dynkit.data.dataset import Dataset, described
+from dynkit.data.result import Saved
 
 TWO_PI = 2.0 * math.pi
 
@@ -27,8 +29,8 @@ _MOST = 1 << 17
 
 
 @final
-@dataclass(frozen=True, eq=False)
-class Harmonics:
+@dataclass(frozen=True, eq=False, repr=False)
+class Harmonics(Saved):
     """The Fourier series of a periodic motion, made by `harmonics_of`.
 
     x(t) = mean + sum_k 2 Re(c_k exp(i k frequency t)), k = 1, 2, ..., where t = 0 is the first
@@ -46,6 +48,7 @@ class Harmonics:
         Seconds and number of samples, without the cost of computing the samples.
     """
 
+    _stored: ClassVar = ("frequency", "coefficients", "error", "cost")
     frequency: float
     coefficients: NDArray[np.complex128]
     error: float
@@ -54,6 +57,24 @@ class Harmonics:
     def __repr__(self) -> str:
         count, first = len(self.coefficients), self.frequency
         return f"<Harmonics: {count} of frequency {first:.6g}, error {self.error:.1e}>"
+
+    def dataset(self) -> Dataset:
+        """Return frequencies, coefficients and powers as a dataset over ``harmonic``, from 1."""
+        each = "harmonic"
+        return Dataset(
+            {each: (each, np.arange(1, len(self.coefficients) + 1))},
+            {
+                "frequency": (each, self.frequencies),
+                "coefficient": (each, self.coefficients),
+                "power": (each, self.power),
+                "error": ((), self.error),
+            },
+            described(
+                "Harmonics of a periodic motion",
+                cost=self.cost,
+                error="estimate of the largest error of a coefficient",
+            ),
+        )
 
     @property
     def frequencies(self) -> Array:

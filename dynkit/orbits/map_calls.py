@@ -10,7 +10,7 @@ import numpy as np
 from dynkit.core.no_motion import NoMotion
 from dynkit.core.progress import late_bar
 from dynkit.core.smooth_map import SmoothMap
-from dynkit.core.validation import Array
+from dynkit.core.validation import Array, all_finite
 
 
 class Spent(Exception):
@@ -40,20 +40,20 @@ class MapCalls:
 
     def derivative(self, state: Array) -> Array:
         """Return the derivative of the next state by the state, (d, d)."""
-        return self._called(self.system.jacobian, state, state.shape * 2)
+        with np.errstate(over="ignore", invalid="ignore", divide="ignore"):
+            return self._called(self.system.jacobian, state, state.shape * 2)
 
     def _called(
         self, function: Callable[[Array], Array], state: Array, shape: tuple[int, ...]
     ) -> Array:
-        if not np.isfinite(state).all():
+        if not all_finite(state):
             return np.full(shape, np.nan)
         if self.made >= self.most:
             raise Spent
         self.made += 1
         self.bar.update()
         try:
-            with np.errstate(over="ignore", invalid="ignore", divide="ignore"):
-                found = np.asarray(function(state), dtype=np.float64)
+            found = np.asarray(function(state), dtype=np.float64)
         except NoMotion:
             return np.full(shape, np.nan)
-        return found if np.isfinite(found).all() else np.full(shape, np.nan)
+        return found if all_finite(found) else np.full(shape, np.nan)

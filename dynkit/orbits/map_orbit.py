@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from functools import cached_property
-from typing import Any, final
+from typing import Any, Protocol, final
 
 import numpy as np
 
@@ -19,12 +19,21 @@ from dynkit.orbits.solving import orbit_bound
 _NONE = np.empty(0)
 
 
+class _Equations(Protocol):
+    @property
+    def system(self) -> SmoothMap: ...
+
+    def states(self, x: Array) -> Array: ...
+
+
 @final
 class MapOrbit(KeptSolution, PeriodicOrbit):
     """P(n): n states, each the image of the one before it, and the first the image of the last.
 
     It is made by `periodic_orbit` or an attractor, or taken from a branch. It is always admissible.
     """
+
+    _problem: _Equations
 
     def __repr__(self) -> str:
         what = f"{self.label} of {system_repr(self.system, 6)}"
@@ -44,8 +53,7 @@ class MapOrbit(KeptSolution, PeriodicOrbit):
 
     @property
     def system(self) -> SmoothMap:
-        system: SmoothMap = self._problem.system
-        return system
+        return self._problem.system
 
     @property
     def period(self) -> int:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from functools import cached_property, partial
-from typing import Any, Self, final
+from typing import Any, ClassVar, Self, final
 
 import numpy as np
 
@@ -55,6 +55,11 @@ class MapProblem(PeriodicProblem, FamilyProblem):
         When the system has no such parameter.
     """
 
+    _stored: ClassVar = ("_like",)
+    _given: ClassVar = "_system"
+    _system: SmoothMap
+    _like: Array
+
     def __init__(self, system: SmoothMap, states: Array, names: Sequence[str] = ()) -> None:
         super().__init__(system, names)
         if system.conservative:
@@ -62,6 +67,11 @@ class MapProblem(PeriodicProblem, FamilyProblem):
         self._like = states
         self._derivatives: tuple[bytes, Array, Array, tuple[Array, Array]]
         self._derivatives = b"", np.empty(0), np.empty(0), (np.empty(0), np.empty(0))
+
+    def _restored(self) -> Self:
+        if self._like.shape[1:] != (self._system.dimension,) or not len(self._like):
+            raise ValueError(f"states of {self._system.dimension} numbers are {self._like.shape}")
+        return type(self)(self._system, self._like)
 
     @cached_property
     def _sizes(self) -> Array:

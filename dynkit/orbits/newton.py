@@ -9,7 +9,7 @@ from typing import Any, NamedTuple, final
 import numpy as np
 from scipy.linalg.lapack import dgesv
 
-from dynkit.core.validation import Array
+from dynkit.core.validation import Array, all_finite
 
 ROUNDING = 2.0**-52
 # Residuals below the first are rounding; a solution has a residual below the second.
@@ -186,7 +186,7 @@ def _newton_step(
             step = np.asarray(np.linalg.solve(jacobian * scale, -f))
         except np.linalg.LinAlgError:
             return None, None
-        return (step, None) if np.isfinite(step).all() else (None, None)
+        return (step, None) if all_finite(step) else (None, None)
     solved = _bordered(jacobian, f, scale, row)
     return (None, None) if solved is None else solved
 
@@ -202,7 +202,7 @@ def _bordered(
     targets[:n, 0] = -f
     targets[n, 1] = 1.0
     factors, pivots, solved, info = dgesv(matrix, targets, overwrite_a=True, overwrite_b=True)
-    if info != 0 or not np.isfinite(solved).all():
+    if info != 0 or not all_finite(solved):
         return None
     vector = solved[:, 1]
     exchanges = np.count_nonzero(pivots != np.arange(q))

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, Any, TypeVar, final, overload
+from typing import TYPE_CHECKING, Any, ClassVar, Self, TypeVar, final, overload
 
 import numpy as np
 
@@ -14,16 +14,16 @@ from dynkit.core.reprs import system_repr
 from dynkit.core.smooth_map import SmoothMap, checked_map, proper_divisors
 from dynkit.core.validation import Array, finite_array, positive_integer, read_only
 from dynkit.data.dataset import Dataset, described
-from dynkit.data.result import Result
+from dynkit.data.result import SavedWithSystem
 from dynkit.orbits.covering import Covering
 from dynkit.orbits.laps import CELLS, periodic_points, reached
 from dynkit.orbits.map_calls import MapCalls, Spent
 from dynkit.orbits.map_problem import angles, sizes
 from dynkit.orbits.newton import NoConvergence, NoSolution
+from dynkit.orbits.problem import PeriodicOrbit
 
 if TYPE_CHECKING:
     from dynkit.orbits.map_orbit import MapOrbit
-    from dynkit.orbits.problem import PeriodicOrbit
 
 _Orbit = TypeVar("_Orbit", bound="PeriodicOrbit")
 
@@ -43,7 +43,7 @@ _ROUNDING = 1e-14
 
 
 @final
-class OrbitSearch(Sequence[_Orbit], Result):
+class OrbitSearch(Sequence[_Orbit], SavedWithSystem):
     """Result of a search for periodic orbits: a sequence of orbits by ascending periods.
 
     It is made by `find_orbits`, or by `find_orbits` of an impact oscillator, where the period is
@@ -68,6 +68,15 @@ class OrbitSearch(Sequence[_Orbit], Result):
         returns; the steps of Newton's method are in the costs of the orbits.
     """
 
+    _stored: ClassVar = ("period", "resolved", "region", "message", "_orbits", "cost")
+    _given: ClassVar = "system"
+    period: int
+    resolved: int
+    region: Array
+    message: str
+    cost: Cost
+    _orbits: tuple[PeriodicOrbit, ...]
+
     def __init__(
         self,
         system: SmoothMap,
@@ -85,6 +94,15 @@ class OrbitSearch(Sequence[_Orbit], Result):
         self.message = message
         self.cost = cost
         self._orbits = tuple(orbits)
+
+    def _restored(self) -> Self:
+        if self.region.shape != (self.system.dimension, 2):
+            raise ValueError(f"region is {self.region.shape}")
+        if not 0 <= self.resolved <= self.period:
+            raise ValueError(f"{self.resolved} of {self.period} periods were resolved")
+        if not all(isinstance(orbit, PeriodicOrbit) for orbit in self._orbits):
+            raise ValueError("it holds something else than orbits")
+        return self
 
     @property
     def error(self) -> Array:
@@ -110,7 +128,9 @@ class OrbitSearch(Sequence[_Orbit], Result):
 
     def __getitem__(self, place: int | slice) -> _Orbit | Sequence[_Orbit]:
         """Return one orbit, or several."""
-        return self._orbits[place]
+        orbits: Any = self._orbits
+        found: _Orbit | Sequence[_Orbit] = orbits[place]
+        return found
 
     def __len__(self) -> int:
         return len(self._orbits)

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from dynkit.core.no_motion import NoMotion
 from dynkit.core.validation import Array
-from dynkit.data.atomic_files import whole
+from dynkit.data.atomic_files import place, whole
 from dynkit.viewer.html import html_of
 from dynkit.viewer.series import Series
 
@@ -132,7 +132,11 @@ class Page:
             As `html`; also when the file cannot be written.
         """
         text = self.html()
-        file = Path(tempfile.mkdtemp(prefix="dynkit-"), "view.html") if path is None else Path(path)
+        file = (
+            Path(tempfile.mkdtemp(prefix="dynkit-"), "view.html")
+            if path is None
+            else place("out", path)
+        )
         with whole("out", file) as stream:
             stream.write(text.encode())
         return file

@@ -8,6 +8,7 @@ from abc import ABC, abstractmethod
 from typing import Any, final
 
 from dynkit.core.validation import boolean, non_negative_integer
+from dynkit.data.atomic_files import place
 from dynkit.viewer.html import refuse_without_plotly
 from dynkit.viewer.page import Page
 
@@ -79,6 +80,8 @@ def view(
     """
     most = non_negative_integer("motions", motions)
     shown = boolean("show", show)
+    if out is not None:
+        place("out", out)
     if not results:
         raise ValueError("results must be at least one; got none")
     given: tuple[object, ...] = results

@@ -11,6 +11,7 @@ from functools import cache, cached_property
 from typing import TYPE_CHECKING, Any, ClassVar, Self, final
 
 import numpy as np
+from numpy.typing import NDArray
 
 from dynkit.core.no_motion import NoCrossing
 from dynkit.core.smooth_map import generic_direction
@@ -158,11 +159,14 @@ class ImpactMap(DrivenStructure, Map):
 
         Of a class that overrides more than energies, such as a start, `code` is a digest.
         """
-        names = (*self._arguments, "mass", "damping_matrix", "stiffness")
-        found = {name: getattr(self, name) for name in names}
+        names = [*self._arguments, "mass", "damping_matrix", "stiffness"]
+        if self.elements:  # the numbers of the table are those of an element
+            names = [name for name in names if name not in OF_TABLE]
+        found: dict[str, object] = dict(self._numbers) if self.elements else {}
+        found |= {name: getattr(self, name) for name in names}
         laws = tuple(stop.restitution for stop in self._stops)
         of_law = {"law": tuple(map(law_text, laws))} if any(map(law_text, laws)) else {}
-        if of_law:
+        if of_law and not self.elements:
             found["restitution"] = repr(self.restitution)
         smooth = {} if self._motion is None else {"energies": self._motion.text}
         smooth |= {self._elements[k].coordinate: f.text for k, f in self._curves.items()}
@@ -212,6 +216,8 @@ class ImpactMap(DrivenStructure, Map):
             the default is the nearest position at which all gaps are one; where there is less room,
             a half, a quarter and so on. With a stop along a function of the coordinates it is that
             shape, or else plus or minus a half of it, twice it, a quarter, an eighth and so on.
+            These lengths are numbers: where lengths are measured in another unit, the default start
+            is another one, and may lead to another attractor.
         velocity : (N,) array_like
             Velocities; by default 0.
         phase : float
@@ -315,18 +321,23 @@ class ImpactMap(DrivenStructure, Map):
         size : float
             Relative size of the displacement.
         """
-        states, others = abs(motion.states), self.degrees_of_freedom - (not self._bent)
-        scale = np.ones(self.dimension)
-        if self._strobed:
-            others = len(self._crossed.kept[0])
-        scale[:others] = states[:, :others].max(initial=0.0)
-        scale[others:-2] = states[:, others:-2].max(initial=0.0)
-        if self._strobed:
-            scale[others:] = states[:, others:].max(initial=0.0)
-        else:
+        states, scale = abs(motion.states), np.ones(self.dimension)
+        for kind in self._measured:
+            scale[kind] = states[:, kind].max(initial=0.0)
+        if not self._strobed:
             scale[-2] = motion.states[-1, -2]
         change = size * scale * generic_direction(self.dimension)
         return self.impact_state(motion.states[-1] + change)
+
+    @property
+    def _measured(self) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
+        """Numbers of the section coordinates that are lengths, and of those that are velocities."""
+        kept = self._crossed.kept if self._strobed else (self._others[0],) * 2
+        count = [len(part) for part in (*kept, self._sliders)]
+        positions, velocities, sliders, *others = np.split(
+            np.arange(self.dimension), np.cumsum(count)
+        )
+        return np.append(positions, sliders), np.append(velocities, np.concatenate(others)[:-1])
 
     # --- the map ----------------------------------------------------------------------------------
 

@@ -5,7 +5,7 @@ from dataclasses import dataclass, fields
 from fractions import Fraction
 from functools import cached_property
 from threading import RLock
-from typing import Any
+from typing import Any, ClassVar, final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,6 +13,8 @@ from numpy.typing import NDArray
 from dynkit.core.cost import Cost
 from dynkit.core.reprs import span
 from dynkit.core.validation import Array, finite_array
+from dynkit.data.dataset import Dataset, described
+from dynkit.data.result import Saved
 from dynkit.systems.structure.definiteness import check_definite, check_semidefinite
 from dynkit.systems.structure.double_double import (
     ROUNDING,
@@ -33,8 +35,9 @@ _LARGEST_RATIO = Fraction(2) ** 1000
 _HALF_ULP = 2.0**-53
 
 
-@dataclass(frozen=True, eq=False)
-class Modes:
+@final
+@dataclass(frozen=True, eq=False, repr=False)
+class Modes(Saved):
     """Modal form q'' + 2 decay q' + frequencies^2 q = 0 of M x'' + C x' + K x = 0, x = matrix q.
 
     All arrays are read-only. Frequencies and decays are double-double values: the nearest double,
@@ -84,6 +87,10 @@ class Modes:
     basis in an eigenspace.
     """
 
+    _stored: ClassVar = (
+        *("frequencies", "frequencies_low", "frequencies_error", "decay", "decay_low", "matrix"),
+        *("proportional", "error", "cost"),
+    )
     frequencies: Array
     frequencies_low: Array
     frequencies_error: Array
@@ -102,6 +109,28 @@ class Modes:
 
     def __repr__(self) -> str:
         return f"<Modes: {len(self.frequencies)}, frequencies {span(self.frequencies)}>"
+
+    def dataset(self) -> Dataset:
+        """Return frequencies, decays and shapes as a dataset over ``mode`` and ``mass``, from 1."""
+        each, count = "mode", np.arange(1, len(self.frequencies) + 1)
+        return Dataset(
+            {each: (each, count), "mass": ("mass", count)},
+            {
+                "frequency": (each, self.frequencies),
+                "frequency_low": (each, self.frequencies_low),
+                "frequency_error": (each, self.frequencies_error),
+                "decay": (each, self.decay),
+                "decay_low": (each, self.decay_low),
+                "shape": (("mass", each), self.matrix),
+                "error": ((), self.error),
+            },
+            described(
+                "Modes of a structure",
+                cost=self.cost,
+                error="largest relative error of frequencies, and of shapes to their largest entry",
+                proportional=str(self.proportional),
+            ),
+        )
 
     @classmethod
     def from_matrices(cls, mass: object, damping: object, stiffness: object) -> "Modes":

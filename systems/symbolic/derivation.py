@@ -147,6 +147,8 @@ def expressions_of(
         raise
     count = len(coordinates)
     if scalar:
+        if isinstance(found, tuple | list):
+            raise ValueError(f"{called} must return one expression; got {found!r}")
         found, count = (found,), 1
     values = _checked(called, found, count, {*coordinates, *symbols})
     return Expressions(coordinates, symbols, values)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from functools import cached_property
+from functools import cache, cached_property
 from typing import TYPE_CHECKING, Any, final
 
 import numpy as np
@@ -22,6 +22,14 @@ if TYPE_CHECKING:
     from dynkit.systems.symbolic.machine_code import Code
 
 
+@cache
+def _kernels() -> Any:
+    """Kernel module, imported at the first evaluation."""
+    from dynkit.systems.symbolic import kernels
+
+    return kernels
+
+
 class CodedFamily(Family):
     """Systems whose parameters are the arguments of machine code, which is made once a class."""
 
@@ -37,10 +45,8 @@ class CodedFamily(Family):
 
     def _filled(self, code: Code, state: Array, shape: tuple[int, ...]) -> Array:
         """What code gives at a state, (d,), which is checked."""
-        from dynkit.systems.symbolic import kernels
-
         here, out = finite_array("state", state, (self.dimension,)), np.empty(shape)
-        kernels.apply(code.address, np.ascontiguousarray(here), self._numbers, out)
+        _kernels().apply(code.address, np.ascontiguousarray(here), self._numbers, out)
         return out
 
     def _tangent(self, program: Program, state: Array) -> Array:

@@ -32,6 +32,9 @@ _LARGE = 30
 CODE: dict[str, Any] = {"opt_level": 3}
 """How far LLVM optimises. At level 0 code compiles in a tenth of the time, and is half as fast."""
 
+_BITS, _MOST_CLASSES = 20, 10
+"""Steps of the tolerance in small units, so that few integrators are compiled; and their number."""
+
 _SMOOTH = {
     *("sin", "cos", "tan", "asin", "acos", "atan", "atan2", "exp", "log", "sqrt", "erf"),
     *("sinh", "cosh", "tanh", "asinh", "acosh", "atanh"),
@@ -82,12 +85,12 @@ class Taylor:
         self._system = list(zip(self._variables, made, strict=True))
         used = set().union(*(value.free_symbols for value in expressions.values))
         self._occurring = {i for i, each in enumerate(expressions.parameters) if each in used}
-        self._integrators: dict[int | None, Any] = {}
+        self._integrators: dict[tuple[int | None, int], Any] = {}
 
     def advance(self, parameters: Array, state: Array, duration: float) -> Array:
         """Return the state, (d,), after a duration."""
         with self._lock:
-            integrator = self._at(None, parameters, state)
+            integrator = self._at(None, parameters, state, _size(state))
             self._run(integrator, state, duration)
             return np.array(integrator.state[: self._dimension])
 
@@ -98,7 +101,7 @@ class Taylor:
         d, identity = self._dimension, np.eye(self._dimension).ravel()
         derivatives = np.empty((count, d, d))
         with self._lock:
-            integrator = self._at(-1, parameters, state)
+            integrator = self._at(-1, parameters, state, _size(state))
             now = integrator.state
             for derivative in derivatives:
                 integrator.time = 0.0
@@ -112,7 +115,7 @@ class Taylor:
         if place not in self._occurring:
             return np.zeros(self._dimension)
         with self._lock:
-            integrator = self._at(place, parameters, state)
+            integrator = self._at(place, parameters, state, _size(state))
             integrator.state[self._dimension :] = 0.0
             self._run(integrator, state, duration)
             return np.array(integrator.state[self._dimension :])
@@ -125,11 +128,11 @@ class Taylor:
         CannotFollow, Diverged
             As `advance`.
         """
-        here, time = state, 0.0
+        here, time, size = state, 0.0, _size(state)
         for count in range(_MOST):
             left = duration - time
             with self._lock:
-                integrator = self._at(None, parameters, here)
+                integrator = self._at(None, parameters, here, size)
                 outcome, step = integrator.step(max_delta_t=left, write_tc=True)
                 end, coefficients = np.array(integrator.state), np.array(integrator.tc)
             if outcome == self._library.taylor_outcome.err_nf_state or not np.isfinite(end).all():
@@ -142,22 +145,27 @@ class Taylor:
             if last:
                 return
 
-    def _at(self, kind: int | None, parameters: Array, state: Array) -> Any:
-        """The integrator of states (None), of derivatives by states (-1) or by a parameter."""
-        if kind not in self._integrators:
+    def _at(self, kind: int | None, parameters: Array, state: Array, size: float) -> Any:
+        """The integrator of states (None), of derivatives by states (-1) or by a parameter.
+
+        For a motion whose start has some size.
+        """
+        digits = digits_of(size)
+        if (kind, digits) not in self._integrators:
             hy, equations = self._library, self._system
             system: Any = equations
             if kind is not None:
                 by = self._variables if kind < 0 else [self._parameters[kind]]
                 system = hy.var_ode_sys(equations, by)
                 equations = system.sys
-            self._integrators[kind] = hy.taylor_adaptive(
+            self._integrators[kind, digits] = hy.taylor_adaptive(
                 system,
                 [0.0] * self._dimension,
+                tol=math.ldexp(1.0, -52 - digits),
                 compact_mode=len(equations) > _LARGE,
                 **CODE,
             )
-        integrator = self._integrators[kind]
+        integrator = self._integrators[kind, digits]
         integrator.time = 0.0
         integrator.state[: self._dimension] = state
         integrator.pars[:] = parameters[: len(integrator.pars)]  # the last ones may not occur
@@ -264,6 +272,20 @@ class _Series:
             f"{self._name} must be smooth: Taylor's method has no {what}; IntegratedFlow takes any "
             "velocity"
         )
+
+
+def digits_of(size: float) -> int:
+    """Bits of the tolerance of a motion of some size below that of variables of order one.
+
+    heyoka's tolerance is relative to the largest variable above one, and absolute below.
+    """
+    if not 0.0 < size < 2.0**-5:
+        return 0
+    return _BITS * min(math.ceil((-math.log2(size) - 5.0) / _BITS), _MOST_CLASSES)
+
+
+def _size(state: Array) -> float:
+    return float(abs(state).max())
 
 
 def _lost(state: Sequence[float] | Array, duration: float, time: float, why: str) -> str:

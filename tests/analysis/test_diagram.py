@@ -85,7 +85,7 @@ def test_values_that_are_not_finite_are_refused() -> None:
 
 
 def test_observable_of_another_length_is_refused() -> None:
-    with pytest.raises(ValueError, match=r"observables\['u'\] must have shape \(2, any\)"):
+    with pytest.raises(ValueError, match=r"observables\['u'\] must have shape \(2, n\)"):
         BifurcationDiagram("frequency", np.array([1.0, 2.0]), {"u": np.zeros((3, 1))})
 
 

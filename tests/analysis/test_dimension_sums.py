@@ -230,7 +230,7 @@ STATES = [[0.0, 0.0], [1.0, 1.0], [2.0, 0.0]]
         ({"states": np.zeros((3, 0))}, r"states must hold two states .*; got shape \(3, 0\)"),
         (
             {"states": [0.0, 1.0]},
-            r"states must have shape .*; got shape \(2,\); .* states\[:, None\]",
+            r"states must have 2 dimensions; got shape \(2,\); .* states\[:, None\]",
         ),
         ({"states": [[0.0], [np.nan]]}, r"states\[1, 0\] must be a finite number; got nan"),
         ({"states": [[0.0], [1e200]]}, r"states must not exceed 1e\+150 in size; got 1e\+200"),

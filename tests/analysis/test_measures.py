@@ -308,6 +308,17 @@ def test_the_states_before_the_end_of_a_motion_are_kept(tmp_path: Path) -> None:
     assert Measures.load(store).states == kept > 3
 
 
+def test_a_run_that_measures_nothing_leaves_no_store(tmp_path: Path) -> None:
+    """It would refuse the mended call."""
+    stream, store = Logistic(rate=4.0).stream(start=[0.3], keep=100), tmp_path / "x.h5"
+    wrong = {"x": RunningHistogram("speed", low=0.0, high=1.0)}
+    with pytest.raises(ValueError, match=r"must be one of: state\[0\]; got 'speed'"):
+        measure(stream, wrong, store=store, progress=False)
+    assert not list(tmp_path.iterdir())
+    mended = {"x": RunningHistogram("state[0]", low=0.0, high=1.0)}
+    assert measure(stream, mended, store=store, progress=False).states == 100
+
+
 def test_the_size_of_a_store_does_not_grow_with_the_blocks(tmp_path: Path) -> None:
     sizes = []
     for keep in (1 << 13, 1 << 16):  # with the same numbers of batches

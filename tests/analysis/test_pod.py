@@ -323,7 +323,7 @@ def test_first_modes_of_the_sticking_orbit_are_near_normal_modes() -> None:
     ("source", "times", "message"),
     [
         ([[1.0, 2.0]], None, "source must hold two samples or more; got shape (1, 2)"),
-        ([1.0, 2.0], None, "source must have shape (any, any); got shape (2,)"),
+        ([1.0, 2.0], None, "source must have 2 dimensions; got shape (2,)"),
         (Henon(), None, "source must be an attractor, a record or an array; got Henon("),
         ([[1.0], [np.nan]], None, "source[1, 0] must be a finite number; got nan"),
         (

@@ -136,7 +136,7 @@ def test_cost_counts_the_samples() -> None:
         ([1.0, 2.0], [0.0], "times must have shape (2,); got shape (1,)"),
         ([1.0, 2.0], [0.0, 0.0], "times[1] must exceed times[0]; got 0.0"),
         ([1.0, np.nan], [0.0, 1.0], "source[1] must be a finite number; got nan"),
-        ([[1.0]], [0.0], "source must have shape (any,); got shape (1, 1)"),
+        ([[1.0]], [0.0], "source must have 1 dimension; got shape (1, 1)"),
     ],
 )
 def test_bad_arrays_are_refused(source: Any, times: Any, message: str) -> None:

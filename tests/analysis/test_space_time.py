@@ -41,7 +41,7 @@ def test_error_is_that_of_the_attractor() -> None:
         (np.eye(2), None, "times must be given with an array"),
         (np.eye(2), [0.0], "times must have shape (2,); got shape (1,)"),
         (np.eye(2), [1.0, 0.0], "times[1] must exceed times[0]; got 0.0"),
-        ([1.0], [0.0], "source must have shape (any, any); got shape (1,)"),
+        ([1.0], [0.0], "source must have 2 dimensions; got shape (1,)"),
         (MapAttractor(Henon(), np.zeros(2), 9, 9), None, "source must be a motion of masses; got"),
     ],
 )

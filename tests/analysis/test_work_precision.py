@@ -399,7 +399,7 @@ def test_the_figure_has_a_panel_for_each_job() -> None:
         ({"coordinates": [1]}, r"coordinates must lie in \[0, 0\]; got 1"),
         (
             {"chatters": [[1.0, 2.0, 3.0]]},
-            r"chatters must have shape \(any, 2\); got shape \(1, 3\)",
+            r"chatters must have shape \(n, 2\), for any n; got shape \(1, 3\)",
         ),
         ({"times": ["one", "3", "5"]}, "times must hold numbers; got \\['one', '3', '5'\\]"),
     ],
@@ -432,7 +432,7 @@ def test_an_unknown_method_or_job_is_refused() -> None:
 
 
 def test_found_impacts_of_other_lengths_are_refused() -> None:
-    with pytest.raises(ValueError, match=r"positions must have shape \(2, any\)"):
+    with pytest.raises(ValueError, match=r"positions must have shape \(2, n\)"):
         FoundImpacts([1.0, 2.0], [[0.0]], [[0.0], [0.0]])
 
 

@@ -129,7 +129,7 @@ def test_extremes_prints_a_line_for_each_case(capsys: pytest.CaptureFixture[str]
     head, *lines, summary = capsys.readouterr().out.splitlines()
     chosen = [case.name for case in CASES.values() if case.group == "merging"]
     columns = re.split("  +", head)
-    assert columns[:6] == ["case", "impacts", "ending", "largest", "true error", "claimed"]
+    assert columns[:6] == ["case", "impacts", "ending", "largest", "actual error", "estimated"]
     assert columns[6:] == ["ratio", "us/impact"]
     assert [line[:54].rstrip() for line in lines] == chosen
     assert summary.startswith(f"{len(chosen)} of {len(chosen)} cases right")

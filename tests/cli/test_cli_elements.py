@@ -111,6 +111,7 @@ def test_an_orbit_that_is_not_found_takes_one_line(capsys: pytest.CaptureFixture
     ("text", "message"),
     [
         ("elements = 3", "elements must be tables [[elements]]; got 3"),
+        ("elements = [3]", "elements[0] must be a table with a kind; got 3"),
         ("elements = []", "elements must be tables [[elements]]; got []"),
         ('[elements]\nkind = "HardStop"', "elements must be tables [[elements]]; got {"),
         ('[[elements]]\nkind = "Stop"', "elements[0].kind must be one of: HardStop, SoftStop"),

@@ -68,7 +68,9 @@ def test_a_branch_of_cycles_ends_at_its_hopf_bifurcation() -> None:
 
 def test_a_cycle_about_an_equilibrium_that_is_none_of_its_size_does_not_shrink() -> None:
     """Its radius is 2, and its frequency nearly that of the equilibrium."""
-    cycle = periodic_orbit(PoincareMap(VanDerPol(mu=0.01), Hyperplane([0.0, 1.0]), 20.0), [-2.0])
+    cycle = periodic_orbit(
+        PoincareMap(VanDerPol(mu=0.01), Hyperplane(np.array([0.0, 1.0])), 20.0), [-2.0]
+    )
     assert not shrinks(cycle)
 
 

@@ -10,8 +10,8 @@ import pytest
 from dynkit.continuation.continuing import continue_by, continue_orbit
 from dynkit.continuation.corrector import Failure, NewtonCorrector
 from dynkit.continuation.method import ContinuationMethod
-from dynkit.continuation.points import Point
-from dynkit.continuation.predictor import tangent
+from dynkit.continuation.points import Point, interpolated
+from dynkit.continuation.predictor import cubic, tangent
 from dynkit.continuation.step_control import AdaptiveSteps
 from dynkit.continuation.test_functions import TESTS
 from dynkit.core.validation import Array
@@ -34,6 +34,20 @@ def test_a_tangent_predictor_finds_the_same_bifurcations() -> None:
     found = continue_by(method, henon(), "a", bounds=(-0.2, 1.4)).bifurcations
     values = [b.value for b in found]
     assert np.allclose(values, [FOLD, DOUBLING], atol=1e-13, rtol=0.0)
+
+
+def test_cubics_do_not_depend_on_the_units_of_their_ends() -> None:
+    def end(t: float, scale: Array) -> Point:
+        y, along = np.array([t, t**3 - t]), np.array([1.0, 3.0 * t * t - 1.0]) / scale
+        return Point(y, scale, along / np.linalg.norm(along), 1.0, 0.0, 0)
+
+    for other in ([1.0, 1.0], [3.0, 3.0], [0.5, 4.0]):
+        a, b = end(0.0, np.ones(2)), end(0.1, np.array(other))
+        for part in (0.25, 0.5, 2.0):
+            found, exact = interpolated(a, b, part), end(0.1 * part, np.ones(2)).y
+            assert np.linalg.norm(found - exact) < 0.01
+        step = 0.1 * float(np.linalg.norm(np.array([1.0, -0.99]) / other))
+        assert np.linalg.norm(cubic(b, a, step) - end(0.2, np.ones(2)).y) < 0.01
 
 
 def test_a_cubic_predictor_needs_fewer_newton_steps_than_the_tangent() -> None:

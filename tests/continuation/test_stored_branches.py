@@ -7,9 +7,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from dynkit import PoincareMap, Stroboscope, periodic_orbit
 from dynkit.continuation.continuing import continue_orbit
 from dynkit.continuation.results.branch import Branch
-from dynkit.systems import Henon
+from dynkit.systems import Duffing, Henon
 from tests.continuation.families import Cycle
 from tests.continuation.starts import flat, henon, iterated, logistic
 
@@ -100,3 +101,15 @@ def test_a_stored_branch_of_a_cycle_is_loaded_with_any_orbit_of_its_kind(tmp_pat
     loaded = Branch.load(tmp_path / "branch.h5", made.orbit(-1))
     assert loaded.label == "P(2)"
     assert (loaded.orbit(0).unknowns == made.orbit(0).unknowns).all()
+
+
+def test_a_branch_of_a_flow_is_stored_and_another_flow_is_refused(tmp_path: Path) -> None:
+    returns = PoincareMap(Duffing(), Stroboscope(3), 10.0)
+    orbit = periodic_orbit(returns, [0.1, 0.1])
+    branch = continue_orbit(orbit, "force", bounds=(0.45, 0.55), points=5)
+    branch.save(tmp_path / "x.h5")
+    loaded = Branch.load(tmp_path / "x.h5", orbit)
+    assert loaded.orbit(2).states.tobytes() == branch.orbit(2).states.tobytes()
+    other = periodic_orbit(returns.replace(damping=0.31), [0.1, 0.1])
+    with pytest.raises(ValueError, match=r"made with flow Duffing\(damping=0.3, .*; got Duffing"):
+        Branch.load(tmp_path / "x.h5", other)

@@ -97,7 +97,7 @@ def test_limits_that_belong_are_accepted(check: Check, value: float) -> None:
         ([[1.0, 2.0], [-np.inf, 0.0]], (2, 2), "x[1, 0] must be a finite number; got -inf"),
         (np.inf, (), "x must be a finite number; got inf"),
         ([1.0], (2,), "x must have shape (2,); got shape (1,)"),
-        ([[1.0]], (None, 3), "x must have shape (any, 3); got shape (1, 1)"),
+        ([[1.0]], (None, 3), "x must have shape (n, 3), for any n; got shape (1, 1)"),
         (1.0, (1,), "x must have shape (1,); got shape ()"),
         ([True, False], (2,), "x must be an array of real numbers; got [True, False]"),
         (["1"], (1,), "x must be an array of real numbers; got ['1']"),

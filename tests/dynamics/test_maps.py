@@ -84,7 +84,9 @@ class ForgetfulShift(Shift):
 
 
 def test_a_map_without_parameters_refuses_every_name() -> None:
-    with pytest.raises(ValueError, match="parameter must be one of: none; got 'size'"):
+    with pytest.raises(
+        ValueError, match="parameter must be a known name, and there is none; got 'size'"
+    ):
         Shift().replace(size=2.0)
 
 

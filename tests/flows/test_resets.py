@@ -24,6 +24,7 @@ from dynkit import (
     periodic_orbit,
 )
 from dynkit.analysis import LyapunovSpectrum
+from dynkit.core.stretching import product_with_error
 from dynkit.core.validation import Array
 from dynkit.systems import CompassGait, Lorenz, SimplestWalker, SymbolicFlow, SymbolicHybridFlow
 from dynkit.testing import FlowCheck, MapCheck, check_name, flow_checks, map_checks
@@ -401,3 +402,39 @@ def test_parameters_that_the_velocity_does_not_hold() -> None:
     assert flow.advance([1.0, 0.0], 0.5)[0] == pytest.approx(np.cos(np.sqrt(2.0) * 0.5))
     assert flow.parameter_derivative([1.0, 0.0], 0.5, "unused").tolist() == [0.0, 0.0]
     assert flow.derivative([1.0, 0.0], 0.5).shape == (2, 2)
+
+
+class Ball(SymbolicHybridFlow):
+    """A ball under gravity above a plate that drives it, with heights in a unit of their own."""
+
+    unit: float = 1.0
+
+    def velocity(self, height: Any, speed: Any) -> Any:
+        return self.unit * speed, -1
+
+    def guard(self, height: Any, speed: Any) -> Any:
+        return height
+
+    def reset(self, height: Any, speed: Any) -> Any:
+        return 0, 0.1 - 0.8 * speed
+
+
+@pytest.mark.parametrize("unit", [1e-8, 1.0, 1e8, 1e100])
+def test_derivatives_in_other_units_of_one_coordinate(unit: float) -> None:
+    """The ball falls at the speed root(v^2 + 2 x); a parabola has many short steps there."""
+    roll = ResetMap(Ball(unit=unit), time_limit=100.0)
+    found = roll.jacobian(np.array([0.1 * unit, 0.4]))
+    np.testing.assert_allclose(found[1], [0.8 / 0.6 / unit, 0.8 * 0.4 / 0.6], rtol=1e-6)
+    assert not found[0].any()
+
+
+def test_the_error_of_a_product_has_the_units_of_its_entries() -> None:
+    """Of 200 shears in one unit of length and another; a bound by norms is 1e1600 in one."""
+    random, count = np.random.default_rng(0), 200
+    shears = np.tile([[0.9, 1e8], [0.0, 0.9]], (count, 1, 1))
+    off = np.full(count, 1e-14)
+    product, bound = product_with_error(shears, off)
+    assert bound < 1.0
+    for _ in range(20):
+        changed = shears + 1e-14 * random.choice([-1.0, 1.0], shears.shape)
+        assert abs(product_with_error(changed, off)[0] - product).max() <= bound

@@ -590,3 +590,22 @@ def test_the_error_of_sensitivity_covers_iterates_in_small_units() -> None:
     attractor = MapAttractor(system, size * exact, transient=0, iterations=1)
     found = Sensitivity(attractor, distance=1e-3 * size, iterations=2)
     assert abs(system(size * exact) - size * exact).max() <= found.error
+
+
+class Hardening(SymbolicFlow):
+    """A mass on a spring that hardens, with positions in a unit of their own."""
+
+    unit: float = 1.0
+
+    def velocity(self, x: Any, v: Any) -> Any:
+        return v, -x - 0.2 * v - 5 * (x / self.unit) ** 2 * x
+
+
+@pytest.mark.parametrize("unit", [2.0**-180, 2.0**-60, 2.0**-20, 2.0**20])
+def test_motions_are_the_same_in_any_unit(unit: float) -> None:
+    """Taylor's method has an absolute tolerance for what is small."""
+    start = np.array([1.0, 0.5])
+    known, found = (Hardening(unit=u).advance(u * start, 20.0) / u for u in (1.0, unit))
+    assert abs(found - known).max() < 1e-14
+    known, found = (Hardening(unit=u).derivative(u * start, 20.0) for u in (1.0, unit))
+    assert abs(found - known).max() < 1e-13

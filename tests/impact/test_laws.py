@@ -82,6 +82,19 @@ def test_values_and_slopes_are_those_of_the_expression(law: ImpactLaw) -> None:
             assert law.slope(np.array([u]))[0] == pytest.approx(float(slope), rel=1e-12, abs=1e-14)
 
 
+@pytest.mark.parametrize("second", [0.3, 0.1, 0.2])
+@pytest.mark.parametrize("first", [0.3, 0.1, 0.2])
+def test_laws_of_one_shape_have_their_own_numbers(first: float, second: float) -> None:
+    """Equal numbers are one number of the code, different ones are two."""
+    law = ViscoelasticSpheres(first, second)
+    expected = 1.0 - first * 1e-4**0.2 + second * 1e-4**0.4
+    assert law.at(1e-4) == pytest.approx(expected, rel=1e-15)
+    assert PlasticBelow(first, second).at([0.15, 0.25]).tolist() == [
+        second * (first <= 0.15),
+        second * (first <= 0.25),
+    ]
+
+
 u = sympy.Symbol("u", positive=True)
 
 

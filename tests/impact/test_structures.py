@@ -143,6 +143,16 @@ class StiffenedChain(ImpactChain):
         return super().dissipation(v) + v[1] ** 2 / 8
 
 
+def test_matrices_of_an_oscillator_are_checked_where_they_become_others_of_it() -> None:
+    free = MatrixOscillator(M=np.eye(2), C=np.zeros((2, 2)), K=[[1, -1], [-1, 1]], frequency=1.0)
+    assert free.replace(frequency=2.0).M is free.M
+    assert free.replace(C=free.K).C == free.K
+    with pytest.raises(ValueError, match="M must be positive definite"):
+        free.replace(M=free.K)
+    with pytest.raises(ValueError, match=r"C must have shape \(1, 1\); got shape \(2, 2\)"):
+        free.replace(M=((1.0,),), K=((1.0,),))
+
+
 @pytest.mark.parametrize("hardening", [0.0, 0.25])
 def test_energies_that_a_subclass_adds_to_matrices_count(hardening: float) -> None:
     plain = ImpactChain(masses=2, frequency=0.9)

@@ -74,6 +74,7 @@ class ImpactMap:
         forcing = inverse * arb_mat(np.transpose(forces).tolist())
         rigidity, drag = inverse * stiffness, inverse * damping
         self.rates = rates_of(rigidity, drag, forcing, self.frequency)
+        self._fastest = max(sum(float(abs(x).mid()) for x in row) for row in self.rates.table())
         self.kick = [
             (inverse[i, self.contact] / inverse[self.contact, self.contact]).mid() for i in range(n)
         ]
@@ -101,7 +102,7 @@ class ImpactMap:
     def moved(self, z: Ball, time: Ball) -> Ball:
         """exp(A time) z of a short time, by its series."""
         step = self.rates * time
-        norm = max(sum(float(abs(x).mid()) for x in row) for row in step.table())
+        norm = self._fastest * abs(float(time))
         total, term, least = z, z, 1.0
         for k in range(1, 400):
             term = step * term / k

@@ -56,7 +56,7 @@ def grazing() -> float:
 
 @pytest.mark.parametrize("length", [1.0, 1e-6, 1e-9, 1e5])
 def test_a_search_in_any_unit_of_length_finds_each_orbit_once(length: float) -> None:
-    # a stop at zero has orbits of any size: the default start is far away in small units
+    # a stop at zero has orbits of any size
     chain = ImpactChain(
         masses=1,
         springs=1.0,
@@ -65,8 +65,11 @@ def test_a_search_in_any_unit_of_length_finds_each_orbit_once(length: float) -> 
         harmonic_forces=[length],
         elements=[SoftStop(-1, stiffness=30.0, damping=0.4)],
     )
-    (orbit,) = chain.find_orbits(impacts=3, periods=3)
-    assert (orbit.label, orbit.admissible) == ("P(1,1)", True)
+    found = chain.find_orbits(impacts=3, periods=3)
+    (orbit,) = (orbit for orbit in found if orbit.label == "P(1,1)")
+    assert orbit.admissible
+    assert not any(other.admissible for other in found if other is not orbit)
+    assert len({other.label for other in found}) == len(found)
     assert abs(orbit.multipliers[0]) == pytest.approx(0.846199304, abs=1e-9)
 
 
@@ -148,9 +151,10 @@ def test_orbits_beside_an_impact_law_are_found() -> None:
 
 def test_without_a_hard_stop_orbits_that_press_and_that_do_not_are_found() -> None:
     found = soft(2.3).find_orbits(impacts=2, periods=2)
-    quiet, pressing = (orbit for orbit in found if orbit.admissible)
-    assert [quiet.label, pressing.label] == ["P(1,1)", "P(2,2)"]
-    assert [orbit.counts["elements[0].presses"] for orbit in (quiet, pressing)] == [0, 1]
+    quiet, *pressing = (orbit for orbit in found if orbit.admissible)
+    assert [orbit.label for orbit in (quiet, *pressing)] == ["P(1,1)", "P(2,2)", "P(2,2)"]
+    assert [orbit.counts["elements[0].presses"] for orbit in (quiet, *pressing)] == [0, 1, 1]
+    assert sorted(orbit.stable for orbit in pressing) == [False, True]
     x, v = quiet.states[0]
     assert abs(np.hypot(x, v / 2.3) - swing(2.3)) <= quiet.error
     again = soft(2.3).periodic_orbit(periods=2, start=soft(2.3).state([x], [v]))
@@ -165,7 +169,9 @@ def test_a_motion_that_impacts_no_more_is_left_soon(monkeypatch: pytest.MonkeyPa
     records = list(motions.simulated_motions(machine, few))
     assert len(records) == few.parts + few.starts
     most = 5 * motions.SWITCHES  # each with an event or two
-    assert all(len(record) == 0 for record in records)
+    # random starts are as far apart as the stop, and some hit it at first
+    assert all(len(record) < 5 for record in records)
+    assert all(len(record) == 0 for record in records[: few.parts])
     assert all(most < len(record.events.time) <= 2 * most for record in records)
     (quiet,) = machine.find_orbits(impacts=1, periods=1)
     assert quiet.label == "P(0,1)"

@@ -11,7 +11,15 @@ from dynkit import Branch, continue_curve, continue_orbit
 from dynkit.continuation.bifurcations.tracing import is_of_event
 from dynkit.continuation.crossings import Crossing, Located
 from dynkit.orbits.kinds import BifurcationKind
-from dynkit.systems import DryFriction, HardStop, ImpactChain, Jenkins, MatrixOscillator, SoftStop
+from dynkit.systems import (
+    DryFriction,
+    HardStop,
+    ImpactChain,
+    ImpactOrbit,
+    Jenkins,
+    MatrixOscillator,
+    SoftStop,
+)
 from tests.reference.random_machines import random_machine
 from tests.validation.curves import _oscillators as oscillators
 
@@ -67,17 +75,49 @@ def test_no_curve_is_begun_from_what_was_not_solved_for() -> None:
         continue_curve(grazing, ("amplitude", "frequency"), bounds=((0.1, 0.2), (0.05, 0.1)))
 
 
-def test_no_period_doubles_where_a_soft_stop_is_only_just_reached() -> None:
-    """The equations of both crossings are singular there, for -1 also, which is no multiplier."""
+@pytest.fixture(scope="module")
+def reaching() -> ImpactOrbit:
+    """The orbit that only just reaches a soft stop."""
     pad = SoftStop(0, offset=-0.5, stiffness=3.0)
     machine = ImpactChain(
         masses=1, damping=0.05, frequency=0.3, harmonic_forces=[0.2], elements=[pad]
     )
     linear = machine.attractor().periodic_orbit()
     below = continue_orbit(linear, "frequency", bounds=(0.3, 0.9), largest_step=0.2)
-    (reaching,) = below.bifurcations[0].switch()
+    orbit: ImpactOrbit
+    (orbit,) = below.bifurcations[0].switch()
+    return orbit
+
+
+def test_no_period_doubles_where_a_soft_stop_is_only_just_reached(reaching: ImpactOrbit) -> None:
+    """The equations of both crossings are singular there, for -1 also, which is no multiplier."""
     branch = continue_orbit(reaching, "frequency", bounds=(0.3, 1.5), largest_step=0.2)
     assert [found.kind for found in branch.bifurcations] == ["GR", "SN", "SN", "GR"]
+
+
+@pytest.mark.parametrize(
+    ("first", "largest", "bounds"),
+    [
+        (0.0011, 0.29, (0.52, 1.53)),
+        (0.0365, 0.32, (0.65, 1.55)),
+        (0.0042, 0.26, (0.38, 1.33)),
+        (0.0065, 0.2, (0.55, 1.42)),
+        (0.01, 0.15, (0.3, 1.5)),
+        (0.02, 0.25, (0.45, 1.4)),
+        (0.05, 0.4, (0.6, 1.6)),
+        (0.002, 0.18, (0.7, 1.3)),
+    ],
+)
+def test_each_fold_is_found_once_where_units_change(
+    reaching: ImpactOrbit, first: float, largest: float, bounds: tuple[float, float]
+) -> None:
+    """The velocity at the stop, and so its unit, falls to zero along the branch."""
+    branch = continue_orbit(reaching, "frequency", bounds=bounds, step=first, largest_step=largest)
+    values = sorted(found.value for found in branch.bifurcations)
+    expected = [0.7758126931, 1.1799283792, 1.1813613610, 1.2864923408]
+    assert values == pytest.approx(expected, abs=1e-9)
+    ways = np.diff(np.column_stack([branch.unknowns, branch.parameter]), axis=0)
+    assert ((ways[1:] * ways[:-1]).sum(axis=1) > 0.0).all()
 
 
 def test_no_fold_where_friction_only_just_sticks() -> None:

@@ -326,3 +326,40 @@ def test_sliders_that_no_parameter_parts_stay_one_event() -> None:
     assert not branch.bifurcations
     problem: Any = branch._problem
     assert len(problem.itinerary) == 4
+
+
+@pytest.mark.parametrize(
+    ("frequency", "stiffness", "force", "offset", "restitution", "sides"),
+    [
+        (0.66, 0.43, 0.12, -0.29, 0.48, [True]),
+        (0.83, 5.18, 0.24, -0.28, 0.47, [True, False]),
+        (0.79, 7.88, 0.2, -0.02, 0.74, [False, True, False]),
+    ],
+)
+def test_a_slider_that_yields_at_the_very_place_of_a_stop_is_a_motion_or_none(
+    frequency: float,
+    stiffness: float,
+    force: float,
+    offset: float,
+    restitution: float,
+    sides: list[bool],
+) -> None:
+    """An impact leaves it as it yields; at the next one rounding decides whether it does."""
+    machine = ImpactChain(
+        masses=1,
+        damping=0.1,
+        frequency=frequency,
+        harmonic_forces=[0.5],
+        elements=[
+            HardStop(0, offset=offset, restitution=restitution),
+            Jenkins(0, stiffness=stiffness, force=force),
+        ],
+    )
+    orbit = machine.attractor(transient=300, impacts=40).periodic_orbit()
+    assert orbit.admissible
+    bounds = 0.9 * frequency, 1.1 * frequency
+    branch = continue_orbit(orbit, "frequency", bounds=bounds, points=40)
+    changes = np.flatnonzero(np.diff(branch.admissible))
+    assert branch.admissible[[0, *(changes + 1)]].tolist() == sides
+    places = [found.place for found in branch.bifurcations if found.kind == "GR"]
+    assert all(min(abs(change + 0.5 - place) for place in places) < 1.0 for change in changes)

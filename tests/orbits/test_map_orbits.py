@@ -311,7 +311,7 @@ def test_where_the_map_refuses_the_failure_says_why() -> None:
     ("guess", "period", "message"),
     [
         ([0.1, 0.2, 0.3], None, r"guess must have shape \(2,\); got shape \(3,\)"),
-        ([[0.1], [0.2]], None, r"guess must have shape \(any, 2\); got shape \(2, 1\)"),
+        ([[0.1], [0.2]], None, r"guess must have shape \(n, 2\), for any n; got shape \(2, 1\)"),
         ([[0.1, 0.2], [0.3]], None, "guess must be an array of real numbers; got"),
         ("near", None, "guess must be an array of real numbers; got 'near'"),
         ([[np.nan, 0.2]], None, r"guess\[0, 0\] must be a finite number; got nan"),

@@ -266,7 +266,7 @@ def test_numbers_are_multiplied() -> None:
     [
         (np.zeros((0, 2, 2)), "factors must be square matrices, one at least; got shape"),
         (np.zeros((3, 2, 4)), "factors must be square matrices, one at least; got shape"),
-        (np.zeros((2, 2)), "factors must have shape"),
+        (np.zeros((2, 2)), "factors must have 3 dimensions"),
         (np.full((2, 2, 2), np.nan), r"factors\[0, 0, 0\] must be a finite number; got nan"),
     ],
 )

@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 from collections.abc import Callable
 from dataclasses import dataclass
-from functools import cache
+from functools import cache, partial
 from pathlib import Path
 from typing import Any
 
@@ -13,17 +13,22 @@ import numpy as np
 import pytest
 
 from dynkit import (
+    Basins,
     Branch,
     Dataset,
+    HybridFlow,
     Hyperplane,
     MapAttractor,
+    MapOrbit,
     Network,
     PoincareMap,
+    ResetMap,
     Stroboscope,
     Sweep,
     basins,
     continue_curve,
     continue_orbit,
+    equilibrium,
     explore,
     parameter_map,
     periodic_orbit,
@@ -44,13 +49,17 @@ from dynkit.analysis import (
 from dynkit.cli import main
 from dynkit.core.validation import within_memory
 from dynkit.systems import (
+    HardStop,
     Henon,
     HenonHeiles,
     ImpactChain,
     ImpactOscillator,
+    ImpactRod,
+    IntegratedFlow,
     Logistic,
     Lorenz,
     MatrixOscillator,
+    SymbolicHybridFlow,
 )
 
 BRIEF: dict[str, Any] = {"transient": 5, "keep": 5, "progress": False}
@@ -74,6 +83,44 @@ def swept() -> Sweep:
 
 def masked(*numbers: float) -> Any:
     return np.ma.array(numbers, mask=[False, True, *[False] * (len(numbers) - 2)])
+
+
+@cache
+def found() -> Basins:
+    return basins(Logistic(2.9), [[0.3], [0.4]], **BRIEF)
+
+
+class Losing(IntegratedFlow, HybridFlow):
+    dimension = 2
+
+    def velocity(self, state: Any) -> Any:
+        return np.array([state[1], -state[0]])
+
+    def guard(self, state: Any) -> float:
+        return float(1.0 - state[0])
+
+    def reset(self, state: Any) -> Any:
+        return state[:1]
+
+
+class Doubtful(SymbolicHybridFlow):
+    def velocity(self, x: Any, v: Any) -> Any:
+        return v, -x
+
+    def guard(self, x: Any, v: Any) -> Any:
+        return 1 - x, 2
+
+    def reset(self, x: Any, v: Any) -> Any:
+        return x, -v
+
+
+def diagram(**options: Any) -> BifurcationDiagram:
+    given = {"parameter": "a", "values": [1.0, 2.0], "observables": {"x": np.ones((2, 1))}}
+    return BifurcationDiagram(**given | options)
+
+
+def rod(**options: Any) -> ImpactRod:
+    return ImpactRod(frequency=1.0, **options)
 
 
 HUGE, MANY = 10**30, 10**12
@@ -243,12 +290,78 @@ CASES: list[tuple[Callable[[], Any], str]] = [
         "system must be an instance, such as Logistic(...); got the class Logistic",
     ),
     (lambda: BifurcationDiagram.of(5), "sweep must be a Sweep; got 5"),  # type: ignore[arg-type]
+    *(
+        (partial(diagram, **{name: given}), f"{name} must be {limit}; got {given!r}")
+        for name, given, limit in (
+            ("parameter", 3, "a name"),
+            ("labels", 3, "a sequence of labels or texts"),
+            ("labels", "ab", "a sequence of labels or texts"),
+            ("labels", [1, 2], "a sequence of labels or texts"),
+            ("symbols", ["a"], "texts by name"),
+        )
+    ),
+    (lambda: diagram(symbols={"x": 3}), "symbols['x'] must be a text; got 3"),
+    (lambda: swept().export(3), "path must be a path; got 3"),  # type: ignore[arg-type]
+    (lambda: swept().view(out=3, show=False), "out must be a path; got 3"),  # type: ignore[arg-type]
+    (
+        lambda: swept().view(out="no/such/folder/x.html", show=False),
+        "out must be in a folder that exists; got 'no/such/folder/x.html'",
+    ),
+    # results of another kind
+    (lambda: Branch.load("none.h5", 3), "orbit must be a PeriodicOrbit or an Equilibrium; got 3"),  # type: ignore[arg-type]
+    (
+        lambda: Network.load("none.h5", [3]),  # type: ignore[list-item]
+        "orbits[0] must be a PeriodicOrbit or an Equilibrium; got 3",
+    ),
+    (lambda: Basins.load("none.h5", 3), "system must be a Map; got 3"),  # type: ignore[arg-type]
+    (lambda: MapOrbit.load("none.h5", 3), "system must be a Map or a Flow; got 3"),
+    (
+        lambda: MapOrbit.load("none.h5", Logistic),
+        "system must be an instance, such as Logistic(...); got the class Logistic",
+    ),
+    (lambda: swept().attractor(0).section(3), "section must be a PoincareSection; got 3"),  # type: ignore[arg-type]
+    (lambda: found().attractor("first"), "place[0] must be an integer; got 'first'"),  # type: ignore[arg-type]
+    (lambda: found().attractor(0, 0), "place must have 1 indices; got (0, 0)"),
+    (
+        lambda: equilibrium(Lorenz(rho=15.0), [6.0, 6.0, 14.0]).lyapunov_orbits("energy"),
+        "integral must be a known name, and there is none; got 'energy'",
+    ),
+    # flows that jump
+    (
+        lambda: ResetMap(Losing(), 10.0)(np.array([0.0, 2.0])),
+        "Losing.reset must return 2 real numbers, (2,); got array([1.])",
+    ),
+    (
+        lambda: ResetMap(Doubtful(), 10.0)(np.array([0.0, 2.0])),
+        "guard must return one expression; got (1 - x, 2)",
+    ),
+    # machines
+    (lambda: rod().moving("a", 1.0), "displacement must be a finite number; got 'a'"),  # type: ignore[arg-type]
+    (lambda: rod().displacements("a"), "coordinates must be an array of real numbers; got 'a'"),
+    (
+        lambda: rod().displacements([np.nan] * 100),
+        "coordinates[0] must be a finite number; got nan",
+    ),
+    (lambda: rod().truncation_errors(3), "record must be an ImpactRecord; got 3"),  # type: ignore[arg-type]
+    (lambda: rod(wave_speed=1e300), "wave_speed must lie in [5e-33, 5e+27] with length 1.0 and "),
+    (lambda: rod(wave_speed=1e-300), "wave_speed must lie in [5e-33, 5e+27] with length 1.0 and "),
+    (lambda: rod(length=1e300), "length must give distances and masses between 1e-30 and 1e+30"),
+    (lambda: rod(density=1e-300), "density must give distances and masses between 1e-30 and 1e+30"),
+    (lambda: rod(masses=10**6), "masses must fit into "),
+    (
+        lambda: (
+            chain(elements=[HardStop(0, offset=0.5), HardStop(0, offset=0.2, side="below")])
+            .attractor()
+            .label
+        ),
+        "room between their stops; got position[0] >= 0.5 and position[0] <= 0.2 at phase 0",
+    ),
     (lambda: branch().plot(ax=5), "ax must be axes of matplotlib; got 5"),  # type: ignore[arg-type]
     (lambda: swept().plot(ax=5), "ax must be axes of matplotlib; got 5"),  # type: ignore[arg-type]
     # messages
     (
         lambda: CorrelationDimension(np.arange(500.0)),
-        "must have shape (any, any); got shape (500,); a single coordinate is states[:, None]",
+        "must have 2 dimensions; got shape (500,); a single coordinate is states[:, None]",
     ),
     (
         lambda: parameter_map(chain(), {"frequency": [0.9], "damping": [-0.1]}, **BRIEF),
@@ -326,6 +439,16 @@ def test_an_integer_is_the_same_parameter_as_its_float_in_a_store(tmp_path: Path
         assert np.array_equal(first.observable("state[0]"), again.observable("state[0]"))
         with pytest.raises(ValueError, match=r"was made with g 1; got 2\.0"):
             sweep(Heavy(2.9, g=2.0), "rate", [2.9], **options)
+
+
+def test_a_store_of_a_machine_with_another_element_is_refused_by_the_name_of_its_number(
+    tmp_path: Path,
+) -> None:
+    walls = [HardStop(0, amplitude=0.1, name="wall", restitution=r) for r in (0.5, 0.6)]
+    one, other = (chain(elements=[wall]) for wall in walls)
+    sweep(one, "frequency", [0.9], store=tmp_path / "x.h5", **BRIEF)
+    with pytest.raises(ValueError, match=r"was made with wall\.restitution 0\.5; got 0\.6"):
+        Sweep.load(tmp_path / "x.h5", other)
 
 
 # --- systems --------------------------------------------------------------------------------------

@@ -285,5 +285,5 @@ def known() -> Basins:
 
 @pytest.mark.parametrize("place", [(0,), (0, 6), (-1, 0), (0, 0, 0)])
 def test_a_place_beyond_the_starts_is_refused(known: Basins, place: tuple[int, ...]) -> None:
-    with pytest.raises(ValueError, match=r"place must lie within \(6, 6\)"):
+    with pytest.raises(ValueError, match=r"place(\[\d\])? must "):
         known.outcome(*place)

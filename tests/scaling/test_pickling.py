@@ -22,6 +22,7 @@ from dynkit.systems import (
     Rossler,
     SingleImpactOscillator,
 )
+from tests.data.machines import entered
 from tests.scaling.cases import attracted, bits, explored, mapped, swept
 
 TWO = np.diag([1.0, 2.0])
@@ -92,6 +93,14 @@ def test_results_come_back_as_they_were(make: Callable[[], list[Any]]) -> None:
             if hasattr(result, name):
                 found = np.asarray(getattr(again, name)).tobytes()
                 assert found == np.asarray(getattr(result, name)).tobytes(), name
+
+
+def test_a_record_comes_back_from_a_machine_that_entered_other_modes_before() -> None:
+    system = entered()
+    record = system.simulate(impacts=60, start=system.attractor(impacts=5).final)
+    times = np.linspace(0.0, record.time[-1], 200)
+    forces = [r.observable("belt.friction_force", times) for r in (record, returned(record))]
+    assert forces[0].tobytes() == forces[1].tobytes()
 
 
 @pytest.mark.parametrize("make", [swept, mapped, attracted, explored])

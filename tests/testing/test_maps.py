@@ -183,5 +183,5 @@ def test_states_may_be_lists() -> None:
 
 
 def test_one_state_in_place_of_rows_is_refused_by_name() -> None:
-    with pytest.raises(ValueError, match=r"^states must have shape \(any, any\); got shape \(2,\)"):
+    with pytest.raises(ValueError, match=r"^states must have 2 dimensions; got shape \(2,\)"):
         testing.check_map(Henon(), np.array([0.1, 0.2]))

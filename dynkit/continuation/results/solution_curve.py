@@ -7,7 +7,7 @@ import os
 from abc import abstractmethod
 from collections.abc import Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Self
+from typing import Any, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,14 +16,11 @@ from dynkit.continuation.bifurcations.bifurcation import given
 from dynkit.continuation.termination import Ending, Reason
 from dynkit.core.cost import Cost
 from dynkit.core.reprs import Facts, largest
-from dynkit.core.validation import Array, index_in
+from dynkit.core.validation import Array, index_in, of_type
 from dynkit.data import store
 from dynkit.data.dataset import Variables, described
 from dynkit.data.result import Saved, read_result, write_result
-from dynkit.orbits.equations import Problem
-
-if TYPE_CHECKING:
-    from dynkit.orbits.equations import ProblemSolution
+from dynkit.orbits.equations import Problem, ProblemSolution
 
 ERROR = (
     "to first order a bound on the distance from the exact curve, "
@@ -144,6 +141,8 @@ class SolutionCurve(Saved):
             When the file is missing, damaged or not a store of such a curve, or the orbit has
             another label or system.
         """
+        if orbit is not None:
+            of_type("orbit", orbit, ProblemSolution, "a PeriodicOrbit or an Equilibrium")
         found, file, archive = read_result(path, cls)
         return found if orbit is None else found._with_orbits(file, archive, orbit, found._first())
 

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from dynkit.core.cost import Cost
 from dynkit.core.reprs import Facts, largest, system_repr, table
+from dynkit.core.smooth_map import checked_map
 from dynkit.core.validation import Array, index_in
 from dynkit.data.dataset import Dataset, described
 from dynkit.data.result import Saved, read_result, write_result
@@ -221,6 +222,8 @@ class Basins(Viewed, Saved):
             When the file is missing, damaged or not a store of basins, or was made with another
             system.
         """
+        if system is not None:
+            checked_map(system, Map)
         found, file, archive = read_result(path, cls)
         if system is None:
             return found
@@ -232,9 +235,9 @@ class Basins(Viewed, Saved):
 
     def _place(self, place: tuple[int, ...]) -> tuple[int, ...]:
         shape: tuple[int, ...] = self.numbers.shape
-        inside = len(place) == len(shape)
-        if not inside or any(not 0 <= i < k for i, k in zip(place, shape, strict=True)):
-            raise ValueError(f"place must lie within {shape}; got {place}")
-        for i, k in zip(place, shape, strict=True):
-            index_in("place", i, 0, k - 1)
-        return place
+        if len(place) != len(shape):
+            raise ValueError(f"place must have {len(shape)} indices; got {place}")
+        return tuple(
+            index_in(f"place[{i}]", own, 0, k - 1)
+            for i, (own, k) in enumerate(zip(place, shape, strict=True))
+        )

@@ -301,7 +301,7 @@ class Element(Extensible, ABC):
     def of(self, size: int, where: str) -> Element:
         """The same element with indices of coordinates in [0, N); ValueError beyond these."""
         name, given = f"{where}.coordinate", self.coordinate
-        if self.curved:
+        if self.curved or (type(given) is int and 0 <= given < size):
             return self
         if isinstance(given, Integral):
             return replace(self, coordinate=index_in(name, given, -size, size - 1) % size)
@@ -309,7 +309,7 @@ class Element(Extensible, ABC):
             pair = tuple(index_in(name, k, -size, size - 1) % size for k in given)
             if pair[0] == pair[1]:
                 raise ValueError(f"{name} must be a pair of two coordinates; got {given}")
-            return replace(self, coordinate=pair)
+            return self if pair == given else replace(self, coordinate=pair)
         if not finite_array(name, given, (size,)).any():
             raise ValueError(f"{name} must be a row that is not zero; got {given}")
         return self

@@ -36,6 +36,10 @@ def checked(given: Any, velocity: sympy.Symbol) -> Any:
     return given
 
 
+_ALIKE: dict[Any, Any] = {}
+"""Expressions with symbols in place of their numbers, by their shape."""
+
+
 class Program(NamedTuple):
     """An expression of the velocity as machine code, and the numbers (k,) in it."""
 
@@ -60,12 +64,19 @@ def slope_of(expression: Any, velocity: sympy.Symbol) -> Program:
 
 def _without_numbers(expression: Any) -> tuple[Any, tuple[sympy.Symbol, ...], Array]:
     """An expression with symbols in place of its numbers, the symbols, and the numbers (k,)."""
-    from sympy import Float, Symbol, preorder_traversal
+    from sympy import Float, Symbol
 
-    parts = (e for e in preorder_traversal(expression) if isinstance(e, Float))
-    symbols = {e: Symbol(f"c{k}", real=True) for k, e in enumerate(dict.fromkeys(parts))}
-    numbers = np.array([float(e) for e in symbols])
-    return expression.xreplace(symbols), tuple(symbols.values()), numbers
+    symbols: dict[Any, Any] = {}
+
+    def shape(part: Any) -> Any:
+        if isinstance(part, Float):
+            return symbols.setdefault(part, Symbol(f"c{len(symbols)}", real=True))
+        return (part.func, *map(shape, part.args)) if part.args else part
+
+    # SymPy takes milliseconds to put an expression together
+    if (key := shape(expression)) not in _ALIKE:
+        _ALIKE[key] = expression.xreplace(symbols)
+    return _ALIKE[key], tuple(symbols.values()), np.array([float(e) for e in symbols])
 
 
 @cache

@@ -255,9 +255,10 @@ class PlasticBelow(ImpactLaw):
         object.__setattr__(self, "rebound", in_interval("rebound", self.rebound, 0, 1))
 
     def expression(self, velocity: Any) -> Any:
-        from sympy import Float, Integer, Piecewise
+        from sympy import Float, Integer, Lt, Piecewise
 
-        slow = Integer(0), velocity < self.velocity
+        # SymPy takes milliseconds to find out that it cannot be decided
+        slow = Integer(0), Lt(velocity, self.velocity, evaluate=False)
         return Piecewise(slow, (Float(self.rebound), True), evaluate=False)
 
 

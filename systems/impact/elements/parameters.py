@@ -104,9 +104,11 @@ def numbers_of(elements: tuple[Element, ...]) -> dict[str, float]:
 
 def numbers_in(name: str, value: object) -> dict[str, float]:
     """Parameters of a field: the number itself, the numbers of a law, or none."""
+    if isinstance(value, float):
+        return {name: value}
     if isinstance(value, ImpactLaw):
         return {f"{name}.{own}": number for own, number in value.numbers.items()}
-    return {name: value} if isinstance(value, float) else {}
+    return {}
 
 
 def with_law(name: str, law: object, given: Mapping[str, Any]) -> dict[str, Any]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from functools import partial
 from typing import Any
 
@@ -20,6 +21,8 @@ _FACTORIALS = np.array([math.factorial(k) for k in _POWERS.tolist()], dtype=floa
 
 _BLOCK = 5
 _WEIGHTS = np.array([1.0 / math.factorial(k) for k in range(4 * _BLOCK)]).reshape(4, _BLOCK)
+_WITHOUT_ONE = _WEIGHTS.copy()
+_WITHOUT_ONE[0, 0] = 0.0
 
 _BRIEF, _LONGEST = 4.0, 2.0**50
 """Norm of A t up to which a series loses few digits; largest norms."""
@@ -34,7 +37,7 @@ def lifted(flow: Array, times: Array) -> Array:
         np.matmul(flow, powers[k - 1], out=powers[k])
     weights = (times * 0.5**halvings)[:, None] ** _POWERS / _FACTORIALS
     out = (weights @ powers.reshape(_TERMS, -1)).reshape(len(times), *flow.shape)
-    return np.asarray(_squared(out, halvings, 0.0))
+    return np.asarray(_squared(out, halvings.tolist(), 0.0))
 
 
 def carried(flow: Any, states: Array, times: Array) -> Array:
@@ -114,30 +117,34 @@ def exponentials(matrices: Any) -> Any:
 
 def _doubled(matrices: Any, one: float) -> Any:
     """exp(A) with `one` 1, exp(A) - 1 with 0."""
-    norms = abs(matrices).sum(axis=1).max(axis=1)
-    if not (norms < _LONGEST).all():
+    norms = np.maximum.reduce(np.add.reduce(abs(matrices), axis=1), axis=1).tolist()
+    if not all(norm < _LONGEST for norm in norms):
         raise NoSolution("the time between two events is too long for the fastest mode")
-    halvings = np.ceil(np.log2(np.maximum(norms, 1.0))).astype(int)
+    halvings = [math.ceil(math.log2(max(norm, 1.0))) for norm in norms]
     powers = np.empty((_BLOCK + 1, *matrices.shape), dtype=matrices.dtype)
-    powers[0], powers[1] = np.eye(matrices.shape[1]), matrices * (0.5**halvings)[:, None, None]
+    powers[0] = 0.0
+    powers[0].reshape(len(matrices), -1)[:, :: matrices.shape[1] + 1] = 1.0
+    np.multiply(matrices, np.array([0.5**n for n in halvings])[:, None, None], out=powers[1])
     for k in range(2, _BLOCK + 1):
         np.matmul(powers[k - 1], powers[1], out=powers[k])
     lower, block = powers[:_BLOCK].reshape(_BLOCK, -1), powers[_BLOCK]
-    weights = _WEIGHTS.copy()
-    weights[0, 0] = one
-    *sums, out = (weights @ lower).reshape(-1, *matrices.shape)
+    *sums, out = ((_WEIGHTS if one else _WITHOUT_ONE) @ lower).reshape(-1, *matrices.shape)
     out += block / math.factorial(_WEIGHTS.size)
     for part in reversed(sums):
-        out = out @ block + part
+        out = out @ block
+        out += part
     with np.errstate(over="ignore", invalid="ignore"):
         return _squared(out, halvings, one)
 
 
-def _squared(out: Any, times: NDArray[np.intp], one: float) -> Any:
+def _squared(out: Any, times: Sequence[int], one: float) -> Any:
     """Square exponentials, (k, d, d), some times each, (k,); with `one` 0 those less 1."""
-    for k in range(int(times.max(initial=0))):
-        # without an index where all are squared
-        some = ... if (more := times > k).all() else np.flatnonzero(more)
+    least = min(times, default=0)
+    for k in range(max(times, default=0)):
+        if k < least:
+            out = out @ out if one else out @ out + 2.0 * out
+            continue
+        some = [i for i, more in enumerate(times) if more > k]
         half = out[some]
         out[some] = half @ half if one else half @ half + 2.0 * half
     return out

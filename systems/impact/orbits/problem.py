@@ -18,7 +18,7 @@ from dynkit.systems.impact.modes.free_motion import free_motion
 from dynkit.systems.impact.orbits.borders import Border
 from dynkit.systems.impact.orbits.itineraries.borders import Begun, beginnings
 from dynkit.systems.impact.orbits.itineraries.happening import Happening, Itinerary
-from dynkit.systems.impact.orbits.itineraries.itinerary import Course, has_law
+from dynkit.systems.impact.orbits.itineraries.itinerary import Course, has_law, regimes_of
 from dynkit.systems.impact.orbits.itineraries.motion import ItinerarySolution, Lap
 from dynkit.systems.impact.orbits.itineraries.one_mode import responses
 from dynkit.systems.impact.orbits.itineraries.one_mode.correcting import (
@@ -104,13 +104,22 @@ class ImpactProblem(PeriodicProblem, WatchedProblem):
         "nodes",
     )
 
+    _stored: ClassVar = ("periods", "itinerary", "sizes", "driven", "nodes")
+    _given: ClassVar = "oscillator"
+    periods: int
+    itinerary: Itinerary
+    sizes: Sequence[float]
+    driven: bool
+    nodes: tuple[int, ...]
+    _names: tuple[str, ...] = ()
+
     def __init__(
         self,
         oscillator: ImpactMap,
         names: tuple[str, ...],
         periods: int,
         itinerary: Itinerary,
-        sizes: Any,
+        sizes: Sequence[float],
         driven: bool,
         nodes: tuple[int, ...] = (0,),
     ) -> None:
@@ -158,6 +167,41 @@ class ImpactProblem(PeriodicProblem, WatchedProblem):
             return replaced(self.oscillator, **changes)
         except Refused as refusal:
             raise NoSolution(str(refusal)) from refusal
+
+    def _restored(self) -> Self:
+        """The equations whose numbers were read from a store.
+
+        Raises
+        ------
+        ValueError
+            When the oscillator has no such modes and events.
+        """
+        count = len(self.itinerary)
+        for event in self.itinerary:
+            for mode in (event.mode, event.kicked or event.mode):
+                self.oscillator._automaton.checked_mode(mode.numbers)
+                if mode != regimes_of(self.oscillator, mode.numbers):
+                    raise ValueError(f"{mode} is no mode of the oscillator")
+            if not self._may_happen(event):
+                raise ValueError(f"{event} is no event of the oscillator")
+        if list(self.nodes) != sorted({*self.nodes} & {*range(count)}) or self.periods < 1:
+            raise ValueError(f"nodes {self.nodes} of {count} events in {self.periods} periods")
+        if len(self.sizes) != 2:
+            raise ValueError(f"sizes are {self.sizes}")
+        return self.remade()
+
+    def _may_happen(self, event: Happening) -> bool:
+        k, elements = event.element, self.oscillator._elements
+        hits = event.kicked is not None or event.chatters
+        if k == -1 and not hits:  # a period begins
+            return True
+        among = len(self.oscillator._stops) if hits else len(elements)
+        rubs = all(0 <= j < len(elements) and -1 <= sign <= 1 for j, sign in event.rubs)
+        if not (0 <= k < among and rubs and event.piece >= 0):
+            return False
+        if event.chatters and event.kicked is None:
+            return event.guard == -1
+        return 0 <= event.guard < len(elements[k].regimes[event.mode.numbers[k]].guards)
 
     @final
     def remade(self, **changes: Any) -> Self:

@@ -162,7 +162,11 @@ def _add_returns(
         return 0
     times = record.time * (system.frequency / TWO_PI)
     after = np.rint(times[n:] - times[:-n]).astype(np.intp)
-    states = Recurrences(system.without_shift(record.states)[:, :-1], times, np.subtract)
+    own = system.without_shift(record.states)
+    parts = [
+        own[:, kind] / (abs(own[:, kind]).max(initial=0.0) or 1.0) for kind in system._measured
+    ]
+    states = Recurrences(np.concatenate(parts, axis=1), times, np.subtract)
     distances = states.distances(slice(n, None), slice(None, -n))
     tried: Counter[int] = Counter()
     for place in np.argsort(distances, kind="stable").tolist():

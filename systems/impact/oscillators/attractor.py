@@ -6,7 +6,7 @@ import math
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from functools import cached_property, partial
-from typing import TYPE_CHECKING, Any, final
+from typing import TYPE_CHECKING, Any, ClassVar, Self, final
 
 import numpy as np
 
@@ -15,6 +15,7 @@ from dynkit.core.no_motion import NoCrossing, NoDerivative, TangentCrossing
 from dynkit.core.reprs import Facts
 from dynkit.core.validation import Array, finite_array
 from dynkit.data.dataset import Dataset
+from dynkit.data.result import SavedWithSystem
 from dynkit.dynamics.attractor import Attractor
 from dynkit.labels.label import OrbitKind, OrbitLabel
 from dynkit.labels.labelling import Window, label_orbit, settled_label, with_multiplier
@@ -59,7 +60,7 @@ _GOES_ON = (
 
 
 @final
-class ImpactAttractor(Attractor):
+class ImpactAttractor(Attractor, SavedWithSystem):
     """The motion of an impact oscillator after a transient, made by `ImpactOscillator.attractor`.
 
     Attributes
@@ -69,6 +70,14 @@ class ImpactAttractor(Attractor):
     final : ImpactState
         The state after the last impact.
     """
+
+    _stored: ClassVar = ("_transient", "record", "_before")
+    _stored_if_known: ClassVar = ("error",)
+    _given: ClassVar = "_system"
+    _system: ImpactMap
+    _transient: int
+    record: ImpactRecord
+    _before: Trajectory | None
 
     def __init__(
         self,
@@ -81,6 +90,13 @@ class ImpactAttractor(Attractor):
         self._transient = transient
         self._before = before
         self.record = self._longest = record
+
+    def _restored(self) -> Self:
+        skipped = self._before.impacts if self._before else 0
+        if not 0 <= skipped <= self._transient:
+            raise ValueError(f"{skipped} impacts before a transient of {self._transient}")
+        self._longest = self.record
+        return self
 
     @property
     def system(self) -> ImpactMap:

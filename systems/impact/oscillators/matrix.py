@@ -17,6 +17,13 @@ if TYPE_CHECKING:
     import sympy
 
 
+_FEW, _KEPT = 32, 64
+"""Sizes up to which matrices are kept, and how many of them."""
+
+_CHECKED: dict[tuple[str, int], Any] = {}
+"""Matrices that were checked, by name and identity: those of an oscillator with another number."""
+
+
 @dataclass(frozen=True, kw_only=True)
 class MatrixOscillator(ImpactOscillator):
     """An impact oscillator M x'' + C x' + K x = forces, given by its matrices.
@@ -61,6 +68,10 @@ class MatrixOscillator(ImpactOscillator):
     def __post_init__(self) -> None:
         size = None
         for name in ("M", "C", "K"):
+            given = getattr(self, name)
+            if _CHECKED.get((name, id(given)), _CHECKED) is given and size in (None, len(given)):
+                size = len(given)
+                continue
             matrix = finite_array(name, getattr(self, name), (size, size))
             size = len(matrix)
             if matrix.shape != (size, size) or not size:
@@ -76,7 +87,12 @@ class MatrixOscillator(ImpactOscillator):
             half = 0.5 * matrix + 0.5 * matrix.T
             matrix = np.where(matrix == matrix.T, matrix, half)
             (check_definite if name == "M" else check_semidefinite)(name, matrix)
-            self._set(name, tuple(map(tuple, matrix.tolist())))
+            own = tuple(map(tuple, matrix.tolist()))
+            self._set(name, own)
+            if size <= _FEW:
+                if len(_CHECKED) >= _KEPT:
+                    _CHECKED.clear()
+                _CHECKED[name, id(own)] = own
         super().__post_init__()
 
     @property

@@ -209,6 +209,13 @@ class ImpactOscillator(ImpactMap):
         records = [cast("ImpactAttractor", orbit).record for orbit in orbits]
         return Ensemble(self, records).arrivals(starts, transient, near)
 
+    @property
+    def _solutions(self) -> tuple[type, ...]:
+        from dynkit.systems.impact.orbits.itineraries.equations import ItineraryEquations
+        from dynkit.systems.impact.orbits.orbit import ImpactOrbit
+
+        return (*super()._solutions, ImpactOrbit, ItineraryEquations)
+
     def _attractor_of(self, record: ImpactRecord) -> ImpactAttractor:
         return ImpactAttractor(self, 0, record, None)
 
@@ -297,8 +304,8 @@ class ImpactOscillator(ImpactMap):
         first, then those with larger impulses.
 
         Sticking orbits are searched from releases of simulated motions. These start from rest on
-        the table, from random states on the table, and from the default start, and are the same in
-        every call.
+        the table, from random states on the table, and from the shape of the first mode, and are
+        the same in every call.
 
         Where energies are not quadratic, or other elements act than a table of one coordinate,
         there is no closed form. Then the search is that of `find_orbits`. Sticking orbits are
@@ -326,15 +333,17 @@ class ImpactOscillator(ImpactMap):
 
         All P(1,m) are found, from their closed form. For n = 2 and 3 Newton's method starts from
         200 random guesses for each P(n,m). For n >= 2 it also starts from close returns of
-        simulated motions: 3000 impacts from the default start and 300 from each of 20 random
-        starts, in parts of 300. In each part, and for each P(n,m), it tries the two closest returns
-        after n impacts and m periods that do not belong to an orbit already found. An orbit that no
-        simulated motion approaches is missed; this can happen to unstable orbits in many
-        dimensions. Inadmissible orbits with n >= 2 are found only by chance.
+        simulated motions: 3000 impacts from a first start and 300 from each of 20 random starts, in
+        parts of 300. The first start is the shape of the first mode, as large as what forces and
+        elements suggest, so that the search is the same in all units. In each part, and for each
+        P(n,m), it tries the two closest returns after n impacts and m periods that do not belong to
+        an orbit already found. An orbit that no simulated motion approaches is missed; this can
+        happen to unstable orbits in many dimensions. Inadmissible orbits with n >= 2 are found only
+        by chance.
 
         With other elements than a table of one coordinate, and where energies are not quadratic,
         Newton's method starts from close returns for all n. These are returns of 1000
-        impacts from the default start, and of 200 from each of 10 random starts, in parts of 200.
+        impacts from the first start, and of 200 from each of 10 random starts, in parts of 200.
         Where energies are quadratic it also starts from the P(1,m) of each hard stop without the
         other elements, which have a closed form.
         Motions that stick to a hard stop are left out. Without a hard stop an orbit of m periods is

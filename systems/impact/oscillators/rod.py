@@ -13,21 +13,27 @@ from dynkit.core.validation import (
     Array,
     check_fields,
     finite_array,
+    finite_scalar,
     non_negative,
+    of_type,
     positive,
     positive_integer,
+    within_memory,
 )
 from dynkit.systems.impact.elements.element import Element, EventKind
 from dynkit.systems.impact.oscillators.oscillator import ImpactOscillator
+from dynkit.systems.impact.records.record import ImpactRecord
 from dynkit.systems.impact.simulation.state import Motion
 from dynkit.systems.structure.double_double import two_product
 from dynkit.systems.structure.modes import Derivation
 from dynkit.systems.structure.symmetric import SymmetricMatrix
 
+_LARGEST = 1e30
+"""Largest frequency, distance and mass of a rod, and the reciprocal of the smallest ones."""
+
 if TYPE_CHECKING:
     import sympy
 
-    from dynkit.systems.impact.records.record import ImpactRecord
     from dynkit.systems.impact.simulation.state import ImpactState
 
 
@@ -112,6 +118,17 @@ class ImpactRod(ImpactOscillator):
         check_fields(self, damping=non_negative)
         if self.far_end not in ("fixed", "free"):
             raise ValueError(f"far_end must be 'fixed' or 'free'; got {self.far_end!r}")
+        within_memory("masses", count, 4.0 * 8.0 * self.degrees_of_freedom**2)
+        h = self._spacing
+        for name, value in (("length", h), ("density", self.density * h)):
+            if not 1.0 / _LARGEST <= value <= _LARGEST:
+                limits = f"between {1.0 / _LARGEST:g} and {_LARGEST:g}"
+                got = getattr(self, name)
+                raise ValueError(f"{name} must give distances and masses {limits}; got {got}")
+        if not 1.0 / _LARGEST <= 2.0 * self.wave_speed / h <= _LARGEST:
+            low, high = (f"{0.5 * h * w:.3g}" for w in (1.0 / _LARGEST, _LARGEST))
+            given = f"length {self.length} and {count} masses; got {self.wave_speed}"
+            raise ValueError(f"wave_speed must lie in [{low}, {high}] with {given}")
         super().__post_init__()
 
     @property
@@ -206,7 +223,8 @@ class ImpactRod(ImpactOscillator):
             As `state`.
         """
         x, v = np.zeros((2, self.degrees_of_freedom))
-        x[-1], v[-1] = displacement, velocity
+        x[-1] = finite_scalar("displacement", displacement)
+        v[-1] = finite_scalar("velocity", velocity)
         return self.state(x, v, phase)
 
     @final
@@ -216,9 +234,9 @@ class ImpactRod(ImpactOscillator):
         Raises
         ------
         ValueError
-            When the last axis of coordinates is not n + 1.
+            When coordinates are not finite numbers, or their last axis is not n + 1.
         """
-        given = np.asarray(coordinates, dtype=float)
+        given = finite_array("coordinates", coordinates, (None,) * np.asarray(coordinates).ndim)
         if given.shape[-1:] != (self.degrees_of_freedom,):
             n = self.degrees_of_freedom
             raise ValueError(f"coordinates must have shape (..., {n}); got {given.shape}")
@@ -276,6 +294,7 @@ class ImpactRod(ImpactOscillator):
         ValueError
             When the record belongs to another system.
         """
+        of_type("record", record, ImpactRecord, "an ImpactRecord")
         if record.system != self:
             raise ValueError(f"record must be one of this rod; got one of {record.system!r}")
         events, start = record.events, record.start

@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import time
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, final
+from typing import TYPE_CHECKING, Any, ClassVar, final
 
 import numpy as np
 
 from dynkit.core.cost import Cost
 from dynkit.core.validation import Array
+from dynkit.data.dataset import Dataset, described
+from dynkit.data.result import Saved
 from dynkit.systems.impact.modes.taylor.mode import TaylorMode
 from dynkit.systems.impact.records.event_counts import element_names
 from dynkit.systems.impact.records.observables import applied, forces_on, gap_of, jumps
@@ -27,8 +29,8 @@ if TYPE_CHECKING:
 
 
 @final
-@dataclass(frozen=True, eq=False)
-class EnergyBalance:
+@dataclass(frozen=True, eq=False, repr=False)
+class EnergyBalance(Saved):
     """Work and dissipated energy of a motion, from its start to its last impact.
 
     Attributes
@@ -50,6 +52,7 @@ class EnergyBalance:
         Seconds; events, and nodes of quadrature.
     """
 
+    _stored: ClassVar = ("change", "work", "dissipated", "error", "cost")
     change: float
     work: dict[str, float]
     dissipated: dict[str, float]
@@ -59,6 +62,24 @@ class EnergyBalance:
     def __repr__(self) -> str:
         lost = sum(self.dissipated.values())
         return f"<EnergyBalance: {self.change:.6g}, dissipated {lost:.6g}, error {self.error:.1e}>"
+
+    def dataset(self) -> Dataset:
+        """Return work and dissipated energy as a dataset over ``source``."""
+        lost = [self.dissipated.get(name, np.nan) for name in self.work]
+        return Dataset(
+            {"source": ("source", list(self.work))},
+            {
+                "work": ("source", list(self.work.values())),
+                "dissipated": ("source", lost),
+                "error": ((), self.error),
+            },
+            described(
+                "Energy balance of a motion",
+                cost=self.cost,
+                error="difference between the change of energy and the sum of the work",
+                change=self.change,
+            ),
+        )
 
 
 @final

@@ -6,7 +6,7 @@ import math
 from collections.abc import Iterable, Iterator, Sequence
 from contextlib import ExitStack
 from functools import cached_property
-from typing import TYPE_CHECKING, Any, final
+from typing import TYPE_CHECKING, Any, ClassVar, Self, final
 
 import numpy as np
 
@@ -23,7 +23,7 @@ from dynkit.core.validation import (
     positive_integer,
 )
 from dynkit.data.dataset import Dataset, described, known_error
-from dynkit.data.result import Result
+from dynkit.data.result import SavedWithSystem
 from dynkit.systems.impact.modes.bases import energy_of
 from dynkit.systems.impact.modes.steady_response import DISTURBANCE
 from dynkit.systems.impact.simulation.runs import MOST_CELLS, course_from
@@ -123,18 +123,30 @@ def batch_size(system: ImpactMap) -> int:
 
 
 @final
-class ImpactRecord(Result):
+class ImpactRecord(SavedWithSystem):
     """The impacts of one simulation, and the motion between them.
 
     All quantities are dimensionless. The record stores about 2N + 8 numbers per impact; arrays are
     computed from them on first access.
     """
 
+    _stored: ClassVar = ("_run",)
+    _stored_if_known: ClassVar = ("error",)
+    _given: ClassVar = "system"
+    _run: Trajectory
+
     def __init__(self, system: ImpactMap, run: Trajectory) -> None:
         self.system = system
         self._run = run
         for array in (run.log.time, run.log.speed, run.log.states):
             array.setflags(write=False)
+
+    def _restored(self) -> Self:
+        if len(self._run.log.time) != len(self):
+            raise ValueError(f"{len(self._run.log.time)} of {len(self)} impacts are stored")
+        if "error" in vars(self) and self.error.shape != (len(self),):
+            raise ValueError(f"error is {self.error.shape} for {len(self)} impacts")
+        return self
 
     @property
     def start(self) -> ImpactState:

@@ -5,13 +5,15 @@ from __future__ import annotations
 import time
 from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, final
+from typing import TYPE_CHECKING, Any, ClassVar, final
 
 import numpy as np
 from numpy.typing import NDArray
 
 from dynkit.core.cost import Cost
 from dynkit.core.validation import Array
+from dynkit.data.dataset import Dataset, described
+from dynkit.data.result import Saved
 from dynkit.systems.impact.elements.element import EventKind
 from dynkit.systems.impact.elements.laws import ImpactLaw, share
 from dynkit.systems.impact.modes.eigen_coordinates import EigenCoordinates
@@ -46,8 +48,8 @@ _CHUNK, MOST_NODES = 1 << 16, 1 << 25
 
 
 @final
-@dataclass(frozen=True, eq=False)
-class SecondMoments:
+@dataclass(frozen=True, eq=False, repr=False)
+class SecondMoments(Saved):
     """Integrals over time of the positions x and of x x^T, in batches of successive impacts.
 
     Attributes
@@ -65,6 +67,7 @@ class SecondMoments:
         Seconds; impacts, and nodes of quadrature where closed forms would have lost digits.
     """
 
+    _stored: ClassVar = ("products", "sums", "durations", "error", "mean_error", "cost")
     products: Array
     sums: Array
     durations: Array
@@ -76,6 +79,25 @@ class SecondMoments:
         batches, coordinates = self.sums.shape
         time = f"time {self.durations.sum():.6g} in {batches} batches"
         return f"<SecondMoments of {coordinates} coordinates: {time}, error {self.error:.1e}>"
+
+    def dataset(self) -> Dataset:
+        """Return the integrals as a dataset over ``batch``, ``mass`` and ``other``, from 1."""
+        masses = np.arange(1, self.sums.shape[-1] + 1)
+        return Dataset(
+            {"mass": ("mass", masses), "other": ("other", masses)},
+            {
+                "duration": ("batch", self.durations),
+                "sum": (("batch", "mass"), self.sums),
+                "product": (("batch", "mass", "other"), self.products),
+                "error": ((), self.error),
+                "mean_error": ((), self.mean_error),
+            },
+            described(
+                "Integrals over time of positions and of their products",
+                cost=self.cost,
+                error="bound on the error of any mean of a product; mean_error, of a position",
+            ),
+        )
 
 
 @final

@@ -287,6 +287,27 @@ class DrivenStructure(LagrangianStructure):
         return Excitation(self.frequency, harmonic, constant, moved or bool(harmonic.any()))
 
     @cached_property
+    def _length(self) -> float:
+        """A length of the machine's own, whatever the unit of length; one if it has none.
+
+        It is the largest of: places and motions of elements along rows, the way of a belt in a
+        radian, stretches of sliding springs, and what all forces do to springs and inertia at the
+        frequency.
+        """
+        w, given, n = self.frequency, self._excitation, self.degrees_of_freedom
+        forces, found = (abs(given.harmonic) + abs(given.constant))[:n], [0.0]
+        for element in self._elements:
+            if element.curved:  # what it limits need not be a length
+                continue
+            row = abs(element.row(n))
+            stretch = max(abs(regime.stretch) for regime in element.regimes)
+            own = abs(element.offset) + element.amplitude + abs(element.drift) / w + stretch
+            found.append(own / float(row.max()))
+            forces = forces + max(abs(regime.push) for regime in element.regimes) * row
+        stiff = abs(self.stiffness.diagonal()) + w * w * self.mass.diagonal()
+        return max(*found, float((forces / stiff).max())) or 1.0
+
+    @cached_property
     def _stops(self) -> tuple[HardStop, ...]:
         if self.elements:
             return tuple(stop for stop in self.elements if isinstance(stop, HardStop))
@@ -427,7 +448,8 @@ class DrivenStructure(LagrangianStructure):
         from dynkit.systems.impact.simulation.taylor.automaton import TaylorAutomaton
 
         given = self._motion, self._excitation, self._elements
-        scene = Scene(*given, self._curves, self._normal)
+        largest = self._length * max(1.0, self.frequency)
+        scene = Scene(*given, self._curves, self._normal, largest)
         return TaylorAutomaton(self._structure, scene, self._parts)
 
     @cached_property

@@ -88,6 +88,16 @@ class JoinedModes(ABC):
         return self.modes[self._number(regimes)]
 
     @final
+    def checked_mode(self, regimes: tuple[int, ...]) -> Any:
+        """The mode of regimes from outside; ValueError where the elements have none of these."""
+        counts = [len(element.regimes) for element in self._elements]
+        if len(regimes) != len(counts) or not all(
+            map(range.__contains__, map(range, counts), regimes)
+        ):
+            raise ValueError(f"regimes must be below {counts}; got {regimes}")
+        return self.mode(regimes)
+
+    @final
     def guard(self, mode: int, element: int) -> int:
         """Number of the first guard of an element in a mode, or else of the mode."""
         first = bisect_left(self.guards, mode, key=attrgetter("mode"))

@@ -12,6 +12,7 @@ from dynkit.core.no_motion import Refused
 from dynkit.core.validation import Array, finite_array, finite_scalar
 from dynkit.systems.impact.simulation.state import (
     TOUCHED,
+    TWO_PI,
     ImpactState,
     Motion,
     along,
@@ -42,9 +43,17 @@ def _rounding(place: float, amplitude: float, offset: float) -> float:
     return 4.0 * 2.0**-53 * (abs(place) + amplitude + abs(offset))
 
 
-def default_position(oscillator: DrivenStructure, angle: float) -> Array:
-    """Shape of the first mode with modal amplitude one, if a mass at rest can be there."""
+def default_position(
+    oscillator: DrivenStructure, angle: float, length: float | None = None
+) -> Array:
+    """Shape of the first mode with modal amplitude one, if a mass at rest can be there.
+
+    With a length it is as long, which also takes the place of a distance of one from a stop.
+    """
     shape = oscillator.modal_matrix[:, 0]
+    if length is not None:
+        shape = shape * (length / float(abs(shape).max()))
+    unit = 1.0 if length is None else length
     if oscillator._strobed:
         return shape
     near = oscillator._stops[0]
@@ -56,7 +65,7 @@ def default_position(oscillator: DrivenStructure, angle: float) -> Array:
     x: Array = shape * near.sign * (-1.0 if place < 0.0 else 1.0)
     turn = math.sin(angle), math.cos(angle)
     if oscillator._several:
-        return np.asarray(_between(oscillator, x, turn)[0])
+        return np.asarray(_between(oscillator, x, turn, unit)[0])
     table = float(near.swing(*turn) + near.offset)
     gap = near.sign * (float(row @ x) - table)
     # rate of the gap of a mass at rest: on a stop that moves towards it, it cannot be
@@ -65,7 +74,7 @@ def default_position(oscillator: DrivenStructure, angle: float) -> Array:
     clear = gap > rounding or (gap >= 0.0 and rate >= 0.0)
     if clear and (gap < play - rounding or (gap <= play and rate <= 0.0)):
         return x
-    lifted = table + near.sign * min(1.0, 0.5 * play)
+    lifted = table + near.sign * min(unit, 0.5 * play)
     if abs(place) > _NODE * float(abs(shape).max()):
         return shape * (lifted / place)
     x = beside(oscillator, x)
@@ -86,8 +95,10 @@ def _clear(oscillator: DrivenStructure, shape: Array, angle: float) -> Array:
     raise Refused("position must be given: multiples of the first mode are beyond a stop")
 
 
-def _between(oscillator: DrivenStructure, x: Array, turn: tuple[float, float]) -> Array:
-    """Positions and velocities (2, N) with all gaps at least one, or a half, a quarter and so on.
+def _between(
+    oscillator: DrivenStructure, x: Array, turn: tuple[float, float], unit: float
+) -> Array:
+    """Positions and velocities (2, N) with gaps of a unit at least, or a half, a quarter, ...
 
     The positions are the nearest ones to given positions, and the velocities are zero. Without
     room, they are on the stops and move with them.
@@ -98,7 +109,7 @@ def _between(oscillator: DrivenStructure, x: Array, turn: tuple[float, float]) -
     still = np.zeros(len(x))
     if (rows @ x > places).all():
         return np.stack([x, still])
-    for margin in (*(0.5 ** np.arange(_HALVINGS)), 0.0):
+    for margin in (*(unit * 0.5 ** np.arange(_HALVINGS)), 0.0):
         found = _nearest(rows, places + margin, x)
         found[abs(found) < _LEFT * abs(x).max()] = 0.0
         gaps, rounding = rows @ found - places, _LEFT * (abs(rows) @ abs(found) + sizes)
@@ -106,7 +117,12 @@ def _between(oscillator: DrivenStructure, x: Array, turn: tuple[float, float]) -
             w, on = oscillator.frequency, gaps <= rounding
             rates = np.array([s.sign * s.swing_rate(w, *turn) for s in oscillator._stops])
             return np.stack([found, _nearest(rows[on], rates[on], still)])
-    raise Refused("elements must leave room between their stops; there is none at this phase")
+    limits = [
+        f"{along(stop, 'position')} {'>=' if stop.sign > 0 else '<='} {stop.sign * place:.6g}"
+        for stop, place in zip(oscillator._stops, places.tolist(), strict=True)
+    ]
+    at = f"at phase {math.atan2(*turn) % TWO_PI:.6g}"
+    raise Refused(f"elements must leave room between their stops; got {' and '.join(limits)} {at}")
 
 
 _HALVINGS, _LEFT = 40, 2.0**-51
@@ -151,16 +167,21 @@ def start(
     velocity: object,
     phase: object,
     sliders: object,
+    length: float | None = None,
 ) -> ImpactState:
-    """A start state, with defaults for None; ValueError beyond a stop."""
+    """A start state, with defaults for None; ValueError beyond a stop.
+
+    The default position is that of `default_position`.
+    """
     n, w = oscillator.degrees_of_freedom, oscillator.frequency
     angle = finite_scalar("phase", phase)
-    given = default_position(oscillator, angle) if position is None else position
+    given = default_position(oscillator, angle, length) if position is None else position
     x = finite_array("position", given, (n,))
     turn = np.array([math.sin(angle), math.cos(angle)])
     moving = np.zeros(n) if velocity is None else velocity
     if position is velocity is None and oscillator._several and not oscillator._bent:
-        moving = _between(oscillator, x, (float(turn[0]), float(turn[1])))[1]
+        there = float(turn[0]), float(turn[1])
+        moving = _between(oscillator, x, there, 1.0 if length is None else length)[1]
     v = finite_array("velocity", moving, (n,))
     on: dict[int, float] = {}
     first = 0.0
@@ -200,6 +221,11 @@ def start(
         else unlike(oscillator, element, lain)
     )
     return state_at(oscillator, x, v, turn, on[element], element, Motion.TABLE, closed + sticks)
+
+
+def own_start(oscillator: DrivenStructure) -> ImpactState:
+    """The default start with a length of the machine's own in place of one."""
+    return start(oscillator, None, None, 0.0, None, oscillator._length)
 
 
 def _sliding(oscillator: DrivenStructure, x: Array, turn: Array, given: object) -> Array:

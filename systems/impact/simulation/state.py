@@ -7,7 +7,7 @@ from collections.abc import Iterable
 from dataclasses import dataclass, field
 from enum import Enum
 from functools import cached_property
-from typing import TYPE_CHECKING, Any, final
+from typing import TYPE_CHECKING, Any, ClassVar, Self, final
 
 import numpy as np
 
@@ -57,6 +57,8 @@ class ImpactState:
         Numbers of other stops that are in contact, and of friction that sticks.
     """
 
+    _stored: ClassVar = ("speed", "element", "motion", "closed", "_coordinates", "_turn")
+    _given: ClassVar = "_system"
     speed: float
     element: int
     motion: Motion
@@ -64,6 +66,14 @@ class ImpactState:
     _system: DrivenStructure = field(repr=False)
     _coordinates: Array = field(repr=False)
     _turn: Array = field(repr=False)
+
+    def _restored(self) -> Self:
+        elements = len(self._system._elements)
+        if self._coordinates.shape != (2, self._system._size) or self._turn.shape != (2,):
+            raise ValueError(f"a state is {self._coordinates.shape} and {self._turn.shape}")
+        if not all(0 <= k < elements for k in (self.element * bool(elements), *self.closed)):
+            raise ValueError(f"elements {self.element} and {self.closed} of {elements}")
+        return self
 
     @property
     def _numbers(self) -> tuple[Any, ...]:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 from enum import Enum
 from functools import cached_property
 from typing import Any, final
@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dynkit.core.validation import Array
+from dynkit.data.dataset import Dataset
 from dynkit.systems.impact.elements.element import EventKind
 from dynkit.systems.impact.modes.mode import Mode, transformed
 from dynkit.systems.impact.simulation.state import ImpactState
@@ -225,6 +226,65 @@ class Trajectory:
     ambiguous: int
     searched: float
 
+    def _restored(self) -> Trajectory:
+        """The trajectory by the numbers that its oscillator now has for modes and guards.
+
+        Raises
+        ------
+        ValueError
+            When the oscillator has no such modes and guards, or arrays do not fit together.
+        """
+        self._refuse_misfits()
+        automaton = self.start._system._automaton
+        for regimes in self.regimes:
+            automaton.checked_mode(regimes)
+        numbers = np.array([automaton.regimes.index(regimes) for regimes in self.regimes])
+        mode, element, target, kind = self.guards.T
+        first = np.array([automaton.guard(k, -1) for k in numbers.tolist()])
+        guards = np.arange(len(mode)) - np.searchsorted(mode, mode) + first[mode]
+        for k in guards[target >= 0].tolist():
+            automaton.enter(k)
+        table = automaton.parts.table(automaton.regimes, automaton.guards)
+        known = np.stack([numbers[mode], element, np.append(numbers, -1)[target], kind], axis=1)
+        same = (table[guards] == known) | (np.arange(4) == 2) & (known < 0)
+        if not same.all():
+            raise ValueError("its guards are not those of the system")
+        for events, entered in ((self.log, mode), (self.switches, target)):
+            for k in np.unique(entered[events.guard]).tolist():
+                slots = automaton.modes[numbers[k]].layout.slots
+                if k < 0 or events.states.shape[2] < slots:
+                    raise ValueError(f"states of {slots} slots are {events.states.shape}")
+        log = replace(self.log, guard=guards[self.log.guard])
+        switches = replace(self.switches, guard=guards[self.switches.guard])
+        own = {"regimes": tuple(automaton.regimes), "guards": table}
+        return replace(self, log=log, switches=switches, **own)
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        # the oscillator numbers its modes anew in another process
+        return _numbered, tuple(getattr(self, entry.name) for entry in fields(self))
+
+    def _refuse_misfits(self) -> None:
+        """Raise ValueError when arrays do not fit together."""
+        turn, both = {"turn": (("turned", "part"), self.log.turn)}, {"part": ("part", [0, 1])}
+        for each, own, more in (
+            ("impact", vars(self.log), turn),
+            ("switch", vars(self.switches), {}),
+        ):
+            flat = {name: (each, own[name]) for name in own.keys() - {"states", "turn"}}
+            states = {"states": ((each, "part", "slot"), own["states"])}
+            Dataset(both, {**flat, **more, **states}, {})
+        stored = len(self.log.time)
+        if self.impacts < stored or len(self.log.turn) not in (0, stored):
+            raise ValueError(f"{self.impacts} impacts, {stored} stored, {len(self.log.turn)} turns")
+        for name, numbers, most in (
+            ("guard", self.log.guard, len(self.guards)),
+            ("guard", self.switches.guard, len(self.guards)),
+            ("before", self.switches.before, self.impacts + 1),
+            ("mode", self.guards[:, 0], len(self.regimes)),
+        ):
+            if numbers.size and not 0 <= numbers.min() <= numbers.max() < most:
+                raise ValueError(f"{name} must be numbers below {most}; got {numbers}")
+
     def part(self, low: int, high: int) -> Trajectory:
         """The same trajectory with the impacts from number `low` to `high` - 1 only."""
         log = self.log.part(low, high)
@@ -412,3 +472,7 @@ def grouped(numbers: Indices) -> Iterator[tuple[int, Any]]:
 def in_steps(count: int) -> Iterator[slice]:
     """Slices of successive impacts, each of which is computed quickly."""
     return (slice(low, low + _ROWS) for low in range(0, count, _ROWS))
+
+
+def _numbered(*parts: Any) -> Trajectory:
+    return Trajectory(*parts)._restored()

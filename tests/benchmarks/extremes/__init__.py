@@ -22,7 +22,7 @@ class WrongCases(RuntimeError):
 def extremes(
     out: str | None = None, only: Sequence[str] | None = None, *, log: TextIO
 ) -> list[Outcome]:
-    """Simulate the cases and print, for each, its true error beside the one that is claimed.
+    """Simulate the cases and print, for each, its actual error beside the estimate.
 
     Parameters
     ----------

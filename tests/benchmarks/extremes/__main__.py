@@ -12,7 +12,7 @@ from tests.benchmarks.programs import Program, names
 _DESCRIPTION = """\
 Impact oscillators at the edges of double precision: no damping and far too much, stiff and heavy
 elements beside soft and light ones, resonance, long times, ten million impacts. For each case the
-true error, against exact impacts to 30 digits, beside the error that is claimed.
+actual error, against exact impacts to 30 digits, beside the estimated error.
 """
 
 _EXAMPLES = f"""\

@@ -38,7 +38,7 @@ class Outcome:
     largest : float
         Largest section coordinate of them, by which errors are judged.
     ratio : float
-        Largest ratio of a true error to the claimed one, times among them; not above 1.
+        Largest ratio of an actual error to its estimate, times among them; not above 1.
     seconds : float
         Of the simulation, without making the system ready.
     wrong : str

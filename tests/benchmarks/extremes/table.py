@@ -7,17 +7,17 @@ from collections.abc import Sequence
 from tests.benchmarks.extremes.measures import Outcome
 from tests.benchmarks.report import markdown as benchmark_table
 
-_HEAD = ("case", "impacts", "ending", "largest", "true error", "claimed", "ratio", "us/impact")
-_WIDTHS = (54, 8, 18, 8, 10, 8, 7, 9)
+_HEAD = ("case", "impacts", "ending", "largest", "actual error", "estimated", "ratio", "us/impact")
+_WIDTHS = (54, 8, 18, 8, 12, 9, 7, 9)
 
 _ABOUT = """\
 # Extreme cases
 
-Largest is the largest section coordinate of the impacts that are compared: their size. True errors
-are those of their section coordinates and times against 30 digits from 50-digit arithmetic, claimed
-ones those of `record.error`; both are absolute. The ratio of the two, the largest of any impact,
-must not exceed 1. Times per impact are without compilation; in a run of few impacts most of it is
-the start of the run.
+"Largest" is the largest section coordinate of the impacts that are compared. Actual errors are
+differences of their section coordinates and times from 30 digits, computed with 50 digits.
+Estimated errors are those of `record.error`. Both are absolute. The largest ratio of the two, over
+all impacts, must not exceed 1. Times per impact are without compilation. In a run of few impacts,
+most of the time is the start of the run.
 """
 
 
@@ -39,7 +39,7 @@ def summary(outcomes: Sequence[Outcome]) -> str:
     impacts = sum(outcome.compared for outcome in outcomes)
     return (
         f"{right} of {len(outcomes)} cases right, {impacts} impacts compared; "
-        f"largest ratio of a true error to a claimed one: {worst:.2g}"
+        f"largest ratio of an actual error to its estimate: {worst:.2g}"
     )
 
 
@@ -50,7 +50,7 @@ def markdown(outcomes: Sequence[Outcome]) -> str:
 
 
 def selection(outcomes: Sequence[Outcome], each: int = 2) -> str:
-    """Return, as Markdown, the cases of each group whose actual error comes nearest the claimed."""
+    """Return, as Markdown, the cases of each group with the largest ratios of errors."""
     groups: dict[str, list[Outcome]] = {}
     for outcome in sorted(outcomes, key=lambda one: -one.ratio):
         if outcome.compared:

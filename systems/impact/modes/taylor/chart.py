@@ -33,9 +33,9 @@ _LARGE = 60
 
 So is that of variations where masses vary: for two masses in 2 s instead of 32, half as fast."""
 
-_METHOD: dict[str, Any] = {"tol": 2.4e-16, "fast_math": True}
+_TOLERANCE = 2.4e-16
 """Order 19, of which the remainder is below rounding; heyoka's own tolerance, which is 8 percent
-less, needs order 20. Sums may be in any order. States that are not finite are found outside."""
+less, needs order 20. Of variables below one it is absolute: see `Plan.digits`."""
 
 _SHORTEST = 1e-3
 """Least limit of steps, in radians of the phase."""
@@ -68,6 +68,11 @@ class _Compiled(local):
         return copy.copy(self.integrator)
 
 
+def _method(plan: Plan) -> dict[str, Any]:
+    """Sums may be in any order. States that are not finite are found outside."""
+    return {"tol": math.ldexp(_TOLERANCE, -plan.digits), "fast_math": True, **_code()}
+
+
 @lru_cache(_MOST_KEPT)
 def _integrator(plan: Plan) -> _Compiled:
     """Integrator of a plan, whose events are the guards."""
@@ -79,8 +84,7 @@ def _integrator(plan: Plan) -> _Compiled:
         [0.0] * len(variables),
         compact_mode=len(variables) > _LARGE,
         t_events=[hy.t_event(guard, direction=down, cooldown=0.0) for guard in guards],
-        **_METHOD,
-        **_code(),
+        **_method(plan),
     )
     return _Compiled(made)
 
@@ -103,7 +107,7 @@ def _variations(plan: Plan, places: tuple[int, ...] | None = None) -> _Compiled:
         by = [part]
     system = hy.var_ode_sys(list(zip(variables, rates, strict=True)), by)
     large = plan.eliminates or len(system.sys) > _LARGE
-    options = {"compact_mode": large, **_METHOD, **_code()}
+    options = {"compact_mode": large, **_method(plan)}
     return _Compiled(hy.taylor_adaptive(system, [0.0] * len(variables), **options))
 
 

@@ -17,6 +17,7 @@ from dynkit.systems.impact.modes.structure import independent, pivots_of
 from dynkit.systems.impact.modes.taylor.chart import Chart
 from dynkit.systems.impact.modes.taylor.equations import Plan, numbers_of
 from dynkit.systems.impact.modes.taylor.scene import Scene
+from dynkit.systems.symbolic.taylor import digits_of
 
 _NEVER = 0.0, 0.0, 0.0, 1.0, 0.0, 0.0
 """What a guard watches that does not exist in a regime."""
@@ -106,6 +107,7 @@ class Charts:
             slips=tuple((k, stop) for k, stop, _ in self._slips),
             normals=tuple(scene.normal.items()),
             dragged=scene.dragged if rubs else (),
+            digits=digits_of(scene.largest),
         )
         head = [0.0, scene.excitation.frequency]
         of_curves = [function.numbers for function in scene.curves.values()]

@@ -53,6 +53,8 @@ class Plan:
         Friction at the contact with a stop, and that stop.
     dragged : tuple of int
         Friction whose slip velocities are variables besides, as other coordinates determine them.
+    digits : int
+        Bits of the tolerance below that of variables of order one, see `digits_of`.
     """
 
     equations: Equations
@@ -69,6 +71,7 @@ class Plan:
     slips: tuple[tuple[int, int], ...] = ()
     normals: tuple[tuple[int, int], ...] = ()
     dragged: tuple[int, ...] = ()
+    digits: int = 0
 
     @property
     def without_guards(self) -> Plan:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import TYPE_CHECKING, Any, final
 
@@ -32,6 +32,8 @@ class Scene:
         Functions of the coordinates along which elements act, by the numbers of these.
     normal : dict
         Number of the hard stop on which friction leans, by the number of that friction.
+    largest : float
+        The size of positions or velocities of the machine, whichever are larger.
     """
 
     motion: Motion
@@ -39,6 +41,7 @@ class Scene:
     elements: tuple[Element, ...]
     curves: dict[int, CoordinateFunction]
     normal: dict[int, int]
+    largest: float
 
     @property
     def size(self) -> int:
@@ -100,7 +103,7 @@ class Scene:
             end = count + len(function.numbers)
             moved = function.numbers + 1j * numbers[count:end]
             curves[k], count = type(function)(function.form, moved), end
-        return Scene(motion, self.excitation, self.elements, curves, self.normal)
+        return replace(self, motion=motion, curves=curves)
 
     def bends(self, x: Array, v: Array) -> Array:
         """What velocities add to the accelerations along the elements, (elements,)."""

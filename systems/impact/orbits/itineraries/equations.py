@@ -353,8 +353,8 @@ class ItineraryEquations(ImpactProblem):
             n = self.oscillator.degrees_of_freedom
             sizes = np.array([abs(states[:, :n]).max(), abs(states[:, n : 2 * n]).max()])
             sizes = np.maximum(sizes, _AT_REST * self._measures[[0, n]])
-            if self.dimension == 2:  # powers of two, which guesses of one orbit share
-                sizes += 1.0 if self.sticks else np.exp2(np.rint(np.log2(self._measures[:2])))
+            if self.dimension == 2:  # lengths that all guesses of one orbit share
+                sizes += self.oscillator._length * np.array([1.0, self.oscillator.frequency])
             scaled = states / sizes[np.repeat([0, 1, 0], [n, n, self.dimension - 2 * n])]
             turn = np.exp(1j * phases)[:, None]
             marks = [scaled, scaled**2, scaled * turn.real, turn.real, turn.imag]

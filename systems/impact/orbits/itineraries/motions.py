@@ -10,6 +10,7 @@ import numpy as np
 
 from dynkit.core.no_motion import NoMotion
 from dynkit.systems.impact.records.record import ImpactRecord
+from dynkit.systems.impact.simulation.starts import own_start
 from dynkit.systems.impact.simulation.state import TWO_PI, ImpactState
 
 if TYPE_CHECKING:
@@ -26,7 +27,7 @@ SWITCHES = 32
 
 
 class Effort(NamedTuple):
-    """How much is simulated: parts of the motion from the default start, of so many impacts each.
+    """How much is simulated: parts of the motion from the first start, of so many impacts each.
 
     And as many impacts from each of some random starts.
     """
@@ -40,15 +41,15 @@ FEW, MANY = Effort(5, 200, 10), Effort(10, 300, 20)
 
 
 def simulated_motions(oscillator: ImpactMap, effort: Effort = FEW) -> Iterator[ImpactRecord]:
-    """The motion from the default start in parts, then those from random starts.
+    """The motion from a start at the machine's own length in parts, then those from random starts.
 
     As a motion may be chaotic, it comes near to other orbits in each part. Random starts have
     coordinates up to twice as large as the largest of the former motion. Parts of a transient from
-    far away are left out: the default start knows nothing of the unit of length.
+    far away are left out. The same orbits are found whatever the units.
     """
-    n, parts = oscillator.degrees_of_freedom, []
+    n, length, parts = oscillator.degrees_of_freedom, oscillator._length, []
     with suppress(NoMotion):
-        state = oscillator.state()
+        state = own_start(oscillator)
         for _ in range(effort.parts):
             parts.append(_simulated(oscillator, state, effort.impacts))
             state = parts[-1].final
@@ -59,7 +60,7 @@ def simulated_motions(oscillator: ImpactMap, effort: Effort = FEW) -> Iterator[I
     near = (lengths <= _FAR * lengths[-1:]) | (lengths[-1:] == 0.0)
     yield from (part for part, kept in zip(parts, near, strict=True) if kept)
     size = sizes[near].max(axis=0, initial=0.0)
-    size[size == 0.0] = 1.0
+    size = np.where(size > 0.0, size, np.repeat([length, length * oscillator.frequency], n))
     random, left = np.random.default_rng(0), effort.starts
     for _ in range(_TRIED):
         x, v = np.split(2.0 * size * random.uniform(-1.0, 1.0, 2 * n), 2)
@@ -71,6 +72,6 @@ def simulated_motions(oscillator: ImpactMap, effort: Effort = FEW) -> Iterator[I
             return
 
 
-def _simulated(oscillator: ImpactMap, start: ImpactState, impacts: int) -> ImpactRecord:
-    run = oscillator._run(start, impacts, store=True, most_switches=SWITCHES * impacts)
+def _simulated(oscillator: ImpactMap, state: ImpactState, impacts: int) -> ImpactRecord:
+    run = oscillator._run(state, impacts, store=True, most_switches=SWITCHES * impacts)
     return ImpactRecord(oscillator, run)

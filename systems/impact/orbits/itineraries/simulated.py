@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from operator import attrgetter
 from typing import Any
 
 import numpy as np
@@ -79,14 +78,19 @@ def _comes_again(s: Any) -> bool:
     turned = [(i + 1 + k) % s.events for k in range(s.events)]
     order = [k for k in turned if s.itinerary[k].element >= 0]
     seen = simulated(s.oscillator, start, s.period, most=len(order), machine=s.machine)
-    if len(seen.events) != len(order):
-        return False
-    within = SAME * s.period
-    found = _without_order(seen.times, seen.events, within)
-    wanted = _without_order(due[order], [s.itinerary[k] for k in order], within)
+    within, sliders = SAME * s.period, s.oscillator._parts.sliders
+    found, wanted = (
+        _without_order(times, events, within, sliders)
+        for times, events in (
+            (seen.times, seen.events),
+            (due[order], [s.itinerary[k] for k in order]),
+        )
+    )
     stops = len(s.oscillator._stops)
-    agree = all(_same(a, b, stops) for a, b in zip(found, wanted, strict=True))
-    return agree and bool((abs(seen.times - due[order]) <= within).all())
+    return len(found) == len(wanted) and all(
+        abs(time - at) <= within and _same(event, other, stops)
+        for (time, event), (at, other) in zip(found, wanted, strict=True)
+    )
 
 
 def _amid(s: Any, i: int, since: float) -> Any:
@@ -101,17 +105,27 @@ def _amid(s: Any, i: int, since: float) -> Any:
     return s.oscillator.state(z[:n], z[n : 2 * n], phase % TWO_PI, sliders)
 
 
-def _without_order(times: Array, events: Sequence[Happening], within: float) -> list[Happening]:
-    """Events, those at once by their elements and in the mode before: their order is rounding."""
-    groups: list[list[Happening]] = []
-    for late, event in zip(np.diff(times, prepend=-np.inf) > within, events, strict=True):
-        groups += [[]] if late else []
-        groups[-1].append(event)
-    return [
-        event._replace(mode=group[0].mode)
-        for group in groups
-        for event in sorted(group, key=attrgetter("element"))
-    ]
+def _without_order(
+    times: Array, events: Sequence[Happening], within: float, sliders: Sequence[int]
+) -> list[tuple[float, Happening]]:
+    """Times and events, those at once by their elements and in the mode before.
+
+    Their order is rounding. So is whether a slider yields, which then sticks again at once: where
+    it was left by an impact, it yields at the very place of the stop.
+    """
+    groups: list[list[tuple[float, Happening]]] = []
+    late = np.diff(times, prepend=-np.inf) > within
+    for own in zip(late.tolist(), times.tolist(), events, strict=True):
+        groups += [[]] if own[0] else []
+        groups[-1].append(own[1:])
+    modes = [group[0][1].mode for group in groups]
+    found = []
+    for group, mode, after in zip(groups, modes, [*modes[1:], *modes[:1]], strict=True):
+        undone = [k for k in sliders if mode.numbers[k] == after.numbers[k]]
+        kept = [own for own in group if own[1].kicked or own[1].element not in undone]
+        kept.sort(key=lambda own: own[1].element)
+        found += [(time, event._replace(mode=mode)) for time, event in kept]
+    return found
 
 
 def _is_released(s: Any, node: int) -> bool:

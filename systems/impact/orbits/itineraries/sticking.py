@@ -15,6 +15,7 @@ from dynkit.systems.impact.orbits.itineraries.itinerary import (
 )
 from dynkit.systems.impact.orbits.itineraries.motions import simulated_motions
 from dynkit.systems.impact.orbits.machine import Machine
+from dynkit.systems.impact.simulation.starts import own_start
 from dynkit.systems.impact.simulation.state import (
     TWO_PI,
     ImpactState,
@@ -44,8 +45,8 @@ Guess = tuple["ItineraryEquations", Array]
 def sticking_guesses(oscillator: ImpactMap, periods: int) -> Iterator[Guess]:
     """From the releases of some motions, always the same.
 
-    Of what was at rest on a stop, of random motions in contact, and of the motion from the default
-    start after 1000 impacts.
+    Of what was at rest on a stop, of random motions in contact, and of the motion from a start at
+    the machine's own length after 1000 impacts.
 
     Raises
     ------
@@ -120,7 +121,7 @@ def _starts(oscillator: ImpactMap) -> Iterator[ImpactState]:
                 at, n = z[falls[0]], m.size
                 own = at[:n], at[n : 2 * n], at[-3:-1]
                 yield state_at(oscillator, *own, 0.0, side, Motion.RELEASE)
-    yield oscillator.attractor(transient=1000, impacts=1).final
+    yield oscillator.attractor(start=own_start(oscillator), transient=1000, impacts=1).final
 
 
 def _steady(m: Machine, side: int) -> Array:

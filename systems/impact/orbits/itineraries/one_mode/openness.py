@@ -24,13 +24,19 @@ def flights_are_open(s: ResponseSolution) -> bool:
     if s.watched.opened.all():
         return True
     system, within = s.system(), SAME * s.period
+    size = float(s.measures[0])
+    at_once = [s.lasts[i] <= s.least_apart(i, size) * s.period for i in range(s.events)]
     for i, state in enumerate(s.section_states):
+        if at_once[i]:
+            continue  # which one is hit first is rounding
         try:
             run = system._run(system.impact_state(state), 1, store=True)
         except NoMotion:  # at a grazing another gap is zero, or negative by rounding
             return False
-        end = int(s.sides[s.ends(i)[1]])
-        if not follows(run, s.lasts[i : i + 1], [end], within):
+        ends = [s.ends(i)[1]]
+        while at_once[ends[-1]] and len(ends) < s.events:
+            ends.append(s.ends(ends[-1])[1])
+        if not any(follows(run, s.lasts[i : i + 1], [int(s.sides[k])], within) for k in ends):
             return False
     return True
 

@@ -77,7 +77,8 @@ class Passage(ItinerarySolution):
 
     @cached_property
     def durations(self) -> Any:
-        return np.diff(self.lap.phases) / self.clock
+        phases = self.lap.phases
+        return (phases[1:] - phases[:-1]) / self.clock
 
     @cached_property
     def _turning(self) -> Array:
@@ -171,12 +172,16 @@ class Passage(ItinerarySolution):
                 flights = self.flights(event.kicked)
                 self._kicks[i] = flights.kick(event.element, before[i], event.rubs)
                 pushed = pushed + self.impulses[self.impulse_of[i]] * self._kicks[i]
-            pushed, by = laid(self._modes[i], self._closed if node else (), pushed)
+            moved = []  # derivatives of the state after each change
+            if node and self._closed:
+                pushed, by = laid(self._modes[i], self._closed, pushed)
+                moved.append(by)
             if event.kicked and event.rubs:
-                pushed, stopped = flights.stopped(event.rubs, pushed)
-                by = stopped @ by
-            after[i], put = self._modes[i].begun(event, pushed)
-            self._put[i] = put @ by
+                pushed, by = flights.stopped(event.rubs, pushed)
+                moved.append(by)
+            after[i], self._put[i] = self._modes[i].begun(event, pushed)
+            for by in reversed(moved):
+                self._put[i] = self._put[i] @ by
             start, lasts = after[i], self.durations[i]
             if event.chatters:
                 chatters[i] = self._chatter(i, after[i])

@@ -31,9 +31,10 @@ class ShootingSolution(Passage):
             elif (pair := self.pairs[i]) is not None:
                 found[i] = divided.value(self, i, pair)
         rates = (1.0 + self.restitutions) * self.closing + self.impulses
-        ended = self.reached[[node - 1 for node in self.course.nodes], : self.dimension]
-        begun = np.roll(self.lap.states, -1, axis=0)
-        missing = np.roll(ended, -1, axis=0) - begun
+        first, *others = self.course.nodes
+        ended = self.reached[[node - 1 for node in (*others, first)], : self.dimension]
+        begun = self.lap.states[[*range(1, len(self.lap.states)), 0]]
+        missing = ended - begun
         if (along := self.progression).shift.size:  # it ends elsewhere, and all begin at zero
             missing = along.removed(missing) + begun - along.removed(begun)
         return np.concatenate([found, rates, missing.ravel()])
