@@ -75,7 +75,7 @@ class SecantThroughZero(Logistic):
 
 
 def test_an_orbit_elsewhere_is_refused() -> None:
-    attractor = MapAttractor(SecantThroughZero(2.9), np.array([0.6]), 0, 100)
+    attractor = MapAttractor(SecantThroughZero(2.9), np.array([0.6]), 30, 100)
     assert str(attractor.label) == "P(1)"
     with pytest.raises(
         NoConvergence, match=r"left the attractor P\(1\) for an orbit P\(1\) that is"
