@@ -92,13 +92,14 @@ def test_orbits_in_two_wells_differ_in_any_unit(length: float, duration: float) 
 
 
 def test_a_table_that_lags_has_the_orbits_of_a_table() -> None:
-    # those of a table alone are found in another way, with one impact from their closed form
+    # Those of a table alone are found in another way, with one impact from their closed form. Which
+    # of those that are no motions are found depends on last digits of chaotic motions.
     table = ImpactChain(masses=1, frequency=2.8, restitution=0.8)
     stop = HardStop(0, amplitude=0.1, restitution=0.8, phase=0.7)
     late = ImpactChain(masses=1, frequency=2.8, elements=[stop])
     known = table.find_orbits(impacts=3, periods=3)
     found = late.find_orbits(impacts=3, periods=3)
-    for orbit in found:
+    for orbit in (orbit for orbit in found if orbit.admissible):
         shifted = orbit.states - [*np.zeros(orbit.states.shape[1] - 1), 0.7]
         same = [other for other in known if other.label == orbit.label]
         apart = [
