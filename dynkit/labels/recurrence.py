@@ -1,5 +1,6 @@
 """Recurrence of section states: distances between states a period apart, and their decay."""
 
+import math
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
@@ -21,8 +22,9 @@ REPETITIONS = 3
 # Below the first relative recurrence, no multiple is tried as the period; below the second,
 # distances are rounding errors and not used for a decay.
 _SPLIT, _ROUNDING = 1e-10, 1e-13
-# A curve that bends one way crosses a straight line twice; what oscillates crosses it more often.
-_TURNS = 4
+# A curve that bends one way crosses a straight line twice; what oscillates crosses it more often,
+# and is above it by less than this factor's logarithm, unlike a burst of chaos.
+_TURNS, _ABOVE = 4, 2.0
 # States that move on in one direction are farther apart at the ends of the window than after one
 # period, by this factor at least.
 _DRIFT = 3.0
@@ -233,18 +235,22 @@ class _Decay:
 
     @cached_property
     def geometric(self) -> bool:
-        """Whether the ratio is below 1 by five standard errors, and nearly that of both halves.
+        """Whether the ratio is below 1 by five standard errors, and that of both halves.
 
         That of a power of time is not: beside a fold, a motion may pass where an orbit was. Around
-        an orbit with complex multipliers it oscillates, and that of a half says less.
+        an orbit with complex multipliers it oscillates, and halves are as different as their errors
+        let them.
         """
         if not self.rate > 5.0 * self.error:
             return False
-        halves = (_rate(half)[0] for half in np.split(self.logs, [self.count // 2]))
-        rates = self.rate, *halves
+        (early, its_error), (late, last_error) = (
+            _rate(half) for half in np.split(self.logs, [self.count // 2])
+        )
         off = self.logs - self.logs.mean() + self.rate * _places(self.count)
-        oscillates = int((np.diff(np.sign(off)) != 0.0).sum()) >= _TURNS
-        return max(rates) - min(rates) <= (0.4 if oscillates else 0.2) * self.rate
+        rates, more = [early, late, self.rate], 0.0
+        if (np.diff(np.sign(off)) != 0.0).sum() >= _TURNS and off.max() <= _ABOVE:
+            rates, more = [early, late], 3.0 * math.hypot(its_error, last_error)
+        return bool(max(rates) - min(rates) <= 0.2 * self.rate + more)
 
     def falls(self, least: float) -> bool:
         """Whether the decay is geometric, and the logarithm falls by this much or more."""

@@ -130,6 +130,14 @@ def test_dead_impacts_are_labelled_by_their_periods() -> None:
     assert label.periods == 1
 
 
+def test_a_motion_that_oscillates_while_it_settles_gets_the_orbit_that_it_settles_on() -> None:
+    """With little damping, the distances of releases fall and rise by turns."""
+    motion = ImpactChain(frequency=0.408, damping=0.01).attractor(transient=30_000, impacts=200)
+    assert str(motion.label) == "P(inf,2)"
+    exact = abs(motion.periodic_orbit().multipliers[0])
+    assert abs(motion.label.multiplier - exact) <= motion.label.multiplier_error < 1e-4
+
+
 @pytest.mark.parametrize("tolerance", [1e-10, 1e-12, 1e-16, 1e-20])
 def test_labels_do_not_depend_on_the_cut_of_chatter(tolerance: float) -> None:
     chain = ImpactChain(frequency=0.408, chatter_tolerance=tolerance)
