@@ -235,11 +235,11 @@ class _Decay:
 
     @cached_property
     def geometric(self) -> bool:
-        """Whether the ratio is below 1 by five standard errors, and that of both halves.
+        """Whether the ratio is below 1 by five standard errors, and the decay does not slow down.
 
-        That of a power of time is not: beside a fold, a motion may pass where an orbit was. Around
-        an orbit with complex multipliers it oscillates, and halves are as different as their errors
-        let them.
+        A power of time slows down: beside a fold, a motion may pass where an orbit was. Around an
+        orbit with complex multipliers a decay oscillates, and halves are as different as their
+        errors let them.
         """
         if not self.rate > 5.0 * self.error:
             return False
@@ -247,10 +247,12 @@ class _Decay:
             _rate(half) for half in np.split(self.logs, [self.count // 2])
         )
         off = self.logs - self.logs.mean() + self.rate * _places(self.count)
-        rates, more = [early, late, self.rate], 0.0
         if (np.diff(np.sign(off)) != 0.0).sum() >= _TURNS and off.max() <= _ABOVE:
-            rates, more = [early, late], 3.0 * math.hypot(its_error, last_error)
-        return bool(max(rates) - min(rates) <= 0.2 * self.rate + more)
+            bend = abs(early - late) - 3.0 * math.hypot(its_error, last_error)
+        else:
+            last = _rate(self.logs[-max(self.count // 4, 3) :])[0]
+            bend = max(early, self.rate) - min(late, last)
+        return bool(early > 0.0 and bend <= 0.2 * self.rate)
 
     def falls(self, least: float) -> bool:
         """Whether the decay is geometric, and the logarithm falls by this much or more."""
