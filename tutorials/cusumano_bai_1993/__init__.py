@@ -82,6 +82,7 @@ def reproduce(out: str, only: Sequence[str] | None = None, *, log: TextIO) -> Pa
             for name, section in _received(receiver).items():
                 sections[name] = section
                 print(f"{name}: {section.total:.1f} s, meanwhile", file=log, flush=True)
+            other.join()  # its end, which is not to be cut short
     seconds = time.perf_counter() - began
     made = [sections[name] for name in names]
     report = write_report(folder, made, workshop.warm_up(), seconds)
