@@ -240,7 +240,7 @@ class LyapunovSpectrum(Saved):
 
     @cached_property
     def _left(self) -> Array:
-        """Errors of the finite exponents, in descending order, where the motion still settles.
+        """Changes of the finite exponents, in descending order, where the motion still settles.
 
         Near a periodic orbit the logarithms change as the distance to it does, by a factor
         exp(rate) in an iterate, where the rate is the exponent nearest to zero; of a flow that is
@@ -260,14 +260,14 @@ class LyapunovSpectrum(Saved):
         if not len(nearest) or (values + 2.0 * errors)[nearest].max() >= 0.0:
             return np.zeros(len(values))
         settles = ((ratios > 0.0) & (ratios < 1.0)).all(axis=0)
-        slopes = np.where(settles, abs(steps[-1]), 0.0) / (len(logs) // 4 * self._length)
-        rate, slope = -quarters[-1, nearest[0]], slopes[nearest[0]]
+        slopes = np.where(settles, steps[-1], 0.0) / (len(logs) // 4 * self._length)
+        rate, slope = -quarters[-1, nearest[0]], abs(slopes[nearest[0]])
         most = 2.0 * rate / slope if slope else np.inf
         return np.asarray(slopes * min(3.0 / (rate * duration), most))
 
     @cached_property
     def _exponents(self) -> tuple[Array, Array]:
-        return self._exponents_of(lambda exponents, _: exponents, self._accuracy + self._left)
+        return self._exponents_of(lambda exponents, _: exponents, self._accuracy + abs(self._left))
 
     @property
     def exponents(self) -> Array:
@@ -288,7 +288,7 @@ class LyapunovSpectrum(Saved):
         (duration,), _ = self._estimate(lambda _, duration: duration)
         return self._exponents_of(
             lambda exponents, duration: exponents / duration,
-            (self._accuracy + self._left) / float(duration),
+            (self._accuracy + abs(self._left)) / float(duration),
         )
 
     @property
@@ -314,7 +314,7 @@ class LyapunovSpectrum(Saved):
         if np.isnan(self.exponents).any():
             return np.nan, np.nan
         value, error = self._estimate(lambda exponents, _: exponents.sum(keepdims=True))
-        return float(value[0]), float(error[0] + (self._accuracy + self._left).sum())
+        return float(value[0]), float(error[0] + self._accuracy.sum() + abs(self._left.sum()))
 
     @property
     def sum(self) -> float:

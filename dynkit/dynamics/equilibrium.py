@@ -277,10 +277,10 @@ def equilibrium(flow: Flow, guess: Any) -> Equilibrium:
 
 def shrinks(orbit: ProblemSolution) -> bool:
     """Whether a periodic orbit of a flow is a small oscillation about an equilibrium."""
-    system = orbit.system
-    if not isinstance(system, PoincareMap) or isinstance(system.section, Stroboscope):
+    if not (isinstance(orbit, MapOrbit) and isinstance(system := orbit.system, PoincareMap)):
         return False
-    assert isinstance(orbit, MapOrbit)
+    if isinstance(system.section, Stroboscope):
+        return False
     try:
         states = np.concatenate([system._path(at, _SHOWN)[1][1:] for at in orbit.states])
         middle = states.mean(axis=0)

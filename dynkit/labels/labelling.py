@@ -115,8 +115,9 @@ def label_orbit(
       repeat exactly even if the motion between them is chaotic, and rounding decides which contact
       ends it. Therefore the error of the release a period later must also be within the tolerance.
     - A motion that settles geometrically gets the label of the orbit that it approaches, when the
-      ratio of its decay is below 1 by five standard errors, is the same in both halves of the
-      window, and the extrapolated orbit is within 100 tolerances (1e-2 when the budget ends).
+      ratio of its decay is below 1 by five standard errors, the decay does not slow down, and the
+      extrapolated orbit is within 100 tolerances (1e-2 when the budget ends). The orbit must also
+      be stable or unstable for certain, where there are derivatives: see `with_multiplier`.
     - After 800 states, a motion that neither recurs nor settles is chaotic when disturbances grow
       exponentially: their mean growth minus three standard errors is positive, and their total
       growth exceeds that of the square of time. The `chance` is the p-value of Student's t of 16
