@@ -17,11 +17,12 @@ if TYPE_CHECKING:
     import sympy
 
 
-_FEW, _KEPT = 32, 64
-"""Sizes up to which matrices are kept, and how many of them."""
+class _Mass(tuple[tuple[float, ...], ...]):
+    """A mass matrix that was checked."""
 
-_CHECKED: dict[tuple[str, int], Any] = {}
-"""Matrices that were checked, by name and identity: those of an oscillator with another number."""
+
+class _Stiffness(tuple[tuple[float, ...], ...]):
+    """A damping or stiffness matrix that was checked."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -67,12 +68,13 @@ class MatrixOscillator(ImpactOscillator):
 
     def __post_init__(self) -> None:
         size = None
-        for name in ("M", "C", "K"):
+        for name, checked in (("M", _Mass), ("C", _Stiffness), ("K", _Stiffness)):
             given = getattr(self, name)
-            if _CHECKED.get((name, id(given)), _CHECKED) is given and size in (None, len(given)):
+            # the matrices of an oscillator that is made anew with another number
+            if isinstance(given, checked) and size in (None, len(given)):
                 size = len(given)
                 continue
-            matrix = finite_array(name, getattr(self, name), (size, size))
+            matrix = finite_array(name, given, (size, size))
             size = len(matrix)
             if matrix.shape != (size, size) or not size:
                 raise ValueError(f"{name} must be a square matrix; got shape {matrix.shape}")
@@ -87,12 +89,7 @@ class MatrixOscillator(ImpactOscillator):
             half = 0.5 * matrix + 0.5 * matrix.T
             matrix = np.where(matrix == matrix.T, matrix, half)
             (check_definite if name == "M" else check_semidefinite)(name, matrix)
-            own = tuple(map(tuple, matrix.tolist()))
-            self._set(name, own)
-            if size <= _FEW:
-                if len(_CHECKED) >= _KEPT:
-                    _CHECKED.clear()
-                _CHECKED[name, id(own)] = own
+            self._set(name, checked(map(tuple, matrix.tolist())))
         super().__post_init__()
 
     @property
