@@ -581,3 +581,14 @@ def test_one_invariant_circle_is_one_basin(tmp_path: Path) -> None:
 def test_two_invariant_circles_are_two_basins() -> None:
     found = basins(Stroboscopic(np.sqrt(2.0)), [[0.4, 0.1], [0.8, 0.1]], progress=False)
     assert found.numbers.tolist() == [0, 1]
+
+
+def test_invariant_circles_near_a_resonance_are_told_apart() -> None:
+    # thousands of states remain near 214 points of the circle
+    system = Stroboscopic(1.0 / (23.0 / 214.0 + 6e-7))
+    centre = np.array([0.3 / (1.0 - system.frequency**2), 0.0])
+    turns = np.array([0.0, 0.2, 0.34, 0.61, 0.83]) * 2.0 * np.pi
+    circle = np.column_stack([np.cos(turns), np.sin(turns)])
+    starts = np.stack([centre + 0.4 * circle, centre + 0.41 * circle])
+    found = basins(system, starts, progress=False)
+    assert found.numbers.tolist() == [[0] * 5, [1] * 5]

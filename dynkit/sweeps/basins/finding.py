@@ -48,7 +48,8 @@ def basins(
     third neighbour of that state is. Attractors
     that are closer than this are not separated. Where chaos ends within these 2000 states, the
     later motion decides. Quasi-periodic motions are compared in the same way, after as many states
-    as their labels examined.
+    as their labels examined. The 2000 states are then a sample of as many, for near a resonance a
+    motion fills its curve slowly.
 
     Motions without impacts are separated by the reasons of their endings.
 

@@ -143,16 +143,22 @@ def _filled(kind: OrbitKind, look: Look, rows: Rows, finish: Finish) -> tuple[li
     while len(left):
         first = int(left[0])
         start = look.system.unpack_state(finals[first])
-        motion = look.system.attractor(start=start, transient=1, keep=_REFERENCE)
+        label = label_at(rows, first)
+        # of a torus near a resonance many states are needed to fill the curve
+        keep = label.simulated if label.curves else _REFERENCE
+        motion = look.system.attractor(start=start, transient=1, keep=max(keep, _REFERENCE))
         later = look.rows_from([motion.final])
         if later.arrays["kind"][0] != KINDS.index(kind):
             ended[first] = later
             left = left[1:]
             continue
         reference = look.states_of(motion)
+        if len(reference) > _REFERENCE:
+            some = np.random.default_rng(0).choice(len(reference), _REFERENCE, replace=False)
+            reference = reference[np.sort(some)]
         same = _median_ratios(look, reference, finals[left], finish) <= 1.0
         same[0] = True
-        found = Found(first, label_at(rows, first), rows.texts["ending"][first], reference)
+        found = Found(first, label, rows.texts["ending"][first], reference)
         groups.append((found, left[same]))
         left = left[~same]
     return groups, _changed(rows, ended)
