@@ -52,11 +52,14 @@ def _bouncing(
     automaton, elements = oscillator._automaton, oscillator._elements
     mode, stop = automaton.modes[guard.mode], elements[guard.element]
     if isinstance(mode, TaylorMode) and not mode.constant_kicks:
-        moved = np.array([mode.kick(guard.element, at) for at in x])
-        for i, at in enumerate(x):
-            for k, ratio in automaton.scrapes(guard, at, 0.0):
+        turns = run.segments.of(mode, some)[:, :, -1]  # those at which the bounces were completed
+        phases = np.arctan2(turns[:, 0], turns[:, 1]).tolist()
+        moved = np.empty(x.shape)
+        for i, (at, phase) in enumerate(zip(x, phases, strict=True)):
+            moved[i] = mode.kick(guard.element, at, phase)
+            for k, ratio in automaton.scrapes(guard, at, phase):
                 pushed = _pushing(oscillator, run, k, some[i : i + 1])
-                moved[i] += ratio * pushed * mode.kick(k, at)
+                moved[i] += ratio * pushed * mode.kick(k, at, phase)
         return moved
     kick = stop.sign * mode.pushed(oscillator._contacts[guard.element].row)
     moved = np.tile(kick[: x.shape[1]], (len(x), 1))
