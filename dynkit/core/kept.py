@@ -12,10 +12,14 @@ _Given = ParamSpec("_Given")
 _Found = TypeVar("_Found")
 
 
-def copied(one: _Found) -> _Found:
-    """Return a shallow copy of an object without slots: `copy.copy` takes eight times as long."""
+def copied(one: _Found, **changes: Any) -> _Found:
+    """Return a shallow copy of an object without slots, with changes of attributes.
+
+    `copy.copy` takes eight times as long, and `dataclasses.replace` more. Nothing is validated, and
+    results that the object has kept are those of the copy, too.
+    """
     out = object.__new__(type(one))
-    vars(out).update(vars(one))
+    vars(out).update(vars(one), **changes)
     return out
 
 

@@ -290,7 +290,7 @@ def _alone(
         "cell": cell,
         "rows": rows,
         "smooth": smooth,
-        "apart": bool(np.any(pairs.scale[: row.shape[1]] == 0.0)),
+        "apart": known.apart if known else bool(np.any(pairs.scale[: row.shape[1]] == 0.0)),
         "swing": float(rows[TAIL, steady]) if steady >= 0 else 0.0,
     }
 

@@ -457,12 +457,13 @@ class ImpactRecord(SavedWithSystem):
 
         if times is not None:
             return along_at(self.system, self._run, name, self._within(times))
-        known = one_of("name", name, self.system.observables)
-        if "." in known:
-            return along_impacts(self.system, self._run, known)
-        if self.system._strobed:
-            return self.states[:, self.system.observables.index(known)]
-        return np.asarray(getattr(self, known), dtype=np.float64)
+        if self.system._strobed or name not in OF_IMPACTS:
+            known = one_of("name", name, self.system.observables)
+            if "." in known:
+                return along_impacts(self.system, self._run, known)
+            if self.system._strobed:
+                return self.states[:, self.system.observables.index(known)]
+        return np.asarray(getattr(self, name), dtype=np.float64)
 
     def _within(self, times: object) -> Array:
         """Times (k,) within what was simulated."""
