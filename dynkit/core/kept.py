@@ -2,14 +2,32 @@
 
 from __future__ import annotations
 
+import functools
 from collections.abc import Callable
 from functools import wraps
-from typing import Any, Concatenate, ParamSpec, TypeVar
+from typing import TYPE_CHECKING, Any, Concatenate, ParamSpec, TypeVar
 
 import numpy as np
 
 _Given = ParamSpec("_Given")
 _Found = TypeVar("_Found")
+
+
+if TYPE_CHECKING:  # a subclass is no property to them
+    cached_property = functools.cached_property
+else:
+
+    class cached_property(functools.cached_property):
+        """The property of `functools` without a lock: that of Python 3.11 is shared by all objects.
+
+        Threads compute it at the same time for different objects. For one object, all of them get
+        what the first one of them has computed.
+        """
+
+        def __get__(self, instance, owner=None):
+            if instance is None:
+                return self
+            return vars(instance).setdefault(self.attrname, self.func(instance))
 
 
 def copied(one: _Found, **changes: Any) -> _Found:

@@ -7,12 +7,13 @@ import math
 from abc import abstractmethod
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from functools import cache, cached_property
+from functools import cache
 from typing import TYPE_CHECKING, Any, ClassVar, Self, final
 
 import numpy as np
 from numpy.typing import NDArray
 
+from dynkit.core.kept import cached_property
 from dynkit.core.no_motion import NoCrossing
 from dynkit.core.smooth_map import generic_direction
 from dynkit.core.stretching import Stretching

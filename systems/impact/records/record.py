@@ -5,12 +5,12 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable, Iterator, Sequence
 from contextlib import ExitStack
-from functools import cached_property
 from typing import TYPE_CHECKING, Any, ClassVar, Self, final
 
 import numpy as np
 
 from dynkit.core.cost import Cost
+from dynkit.core.kept import cached_property
 from dynkit.core.progress import late_bar
 from dynkit.core.reprs import Facts, largest, system_repr
 from dynkit.core.validation import (

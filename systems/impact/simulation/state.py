@@ -6,11 +6,11 @@ import math
 from collections.abc import Iterable
 from dataclasses import dataclass, field
 from enum import Enum
-from functools import cached_property
 from typing import TYPE_CHECKING, Any, ClassVar, Self, final
 
 import numpy as np
 
+from dynkit.core.kept import cached_property
 from dynkit.core.no_motion import Diverged, Refused
 from dynkit.core.validation import Array, all_finite, finite_array
 from dynkit.exponential.sums import band

@@ -5,12 +5,12 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import dataclass, fields, replace
 from enum import Enum
-from functools import cached_property
 from typing import Any, final
 
 import numpy as np
 from numpy.typing import NDArray
 
+from dynkit.core.kept import cached_property
 from dynkit.core.validation import Array
 from dynkit.data.dataset import Dataset
 from dynkit.systems.impact.elements.element import EventKind
