@@ -64,7 +64,7 @@ def kept(
     @wraps(method)
     def found(self: Any, /, *given: _Given.args, **none: _Given.kwargs) -> _Found:
         known: dict[tuple[Any, ...], _Found] = vars(self).setdefault("_kept", {})
-        own = (one.tobytes() if isinstance(one, np.ndarray) else one for one in given)
+        own = [one.tobytes() if isinstance(one, np.ndarray) else one for one in given]
         key: tuple[Any, ...] = (name, *own)
         if key not in known:
             known[key] = made = method(self, *given, **none)

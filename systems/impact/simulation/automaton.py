@@ -100,8 +100,10 @@ class Automaton(JoinedModes):
         """Forget all modes, and what was made of them."""
         self._ladders, self._stacked_modes = LadderStack(), 0
         self._stack, self._of_guards = Stack(), Stack()
-        self._slots, self._joined, self._rows = 0, dict[int, int](), dict[int, int]()
-        self._changes = dict[tuple[int, int], list[Array]]()
+        self._slots = 0
+        self._joined: dict[int, int] = {}
+        self._rows: dict[int, int] = {}
+        self._changes: dict[tuple[int, int], list[Array]] = {}
         self._forget()
         self._tables: Any = None
         self._first: Any = None
