@@ -261,7 +261,7 @@ class ImpactRecord(SavedWithSystem):
             positions, velocities = self.system._crossed.kept
             own = self.position[:, positions], self.velocity[:, velocities], self.sliders
             return np.concatenate(own, axis=1)
-        others = np.array(self.system._others)
+        others = self.system._others
         if self.system._motion is None and self.system._automaton.beside is None:
             # of a stop alone, what is put on it is left out
             forced, q = self.system._free.forced, self._run.coordinates
@@ -272,7 +272,7 @@ class ImpactRecord(SavedWithSystem):
         if not self.system._several:
             kept: Any = np.s_[:, others[0]]
         else:
-            kept = np.arange(len(self))[:, None], others[self._run.element]
+            kept = np.arange(len(self))[:, None], np.array(others)[self._run.element]
         parts = [self.position[kept], self.velocity[kept], self.sliders]
         parts.append(self.relative_velocity[:, None])
         return np.concatenate(parts, axis=1)
