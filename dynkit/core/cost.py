@@ -49,8 +49,9 @@ class Cost:
 
     def __add__(self, other: "Cost") -> "Cost":
         """Add the seconds, and the counts name by name."""
-        names = [*self.counts, *(name for name in other.counts if name not in self.counts)]
-        counts = {name: self.counts.get(name, 0) + other.counts.get(name, 0) for name in names}
+        counts = dict(self.counts)
+        for name, count in other.counts.items():
+            counts[name] = counts.get(name, 0) + count
         return Cost(self.seconds + other.seconds, counts)
 
     def __hash__(self) -> int:

@@ -5,8 +5,6 @@ other exception means a wrong argument or a fault in a program, and reaches the 
 type, message and traceback.
 """
 
-from collections.abc import Iterator
-from contextlib import contextmanager
 from typing import Protocol, Self, TypeVar
 
 
@@ -74,13 +72,3 @@ def replaced(system: _System, **parameters: float) -> _System:
         return made
     except ValueError as refusal:
         raise Refused(str(refusal)) from refusal
-
-
-@contextmanager
-def located(where: str) -> Iterator[None]:
-    """Add the place to any exception that is raised inside, as a note."""
-    try:
-        yield
-    except Exception as error:
-        error.add_note(where)
-        raise

@@ -25,6 +25,11 @@ _SHORT = 64
 # Counts are kept in integers of 64 bits.
 _COUNTS = 2**63
 
+# A union that is written in a call is made in each of them, which takes longer than the check.
+INTEGERS = int, np.integer
+NUMBERS = (*INTEGERS, float, np.floating)
+SCALARS = int, float, np.generic
+
 
 def finite_scalar(name: str, value: object) -> float:
     """Return the value as a float when it is a single finite real number.
@@ -43,7 +48,7 @@ def finite_scalar(name: str, value: object) -> float:
     ...
     ValueError: offset must be a finite number; got '2'
     """
-    if isinstance(value, int | float | np.integer | np.floating) and not isinstance(value, bool):
+    if isinstance(value, NUMBERS) and not isinstance(value, bool):
         try:
             number = float(value)
         except OverflowError:
@@ -167,7 +172,7 @@ def index_in(name: str, value: object, low: int, high: int) -> int:
     ...
     ValueError: place must be an integer; got 1.5
     """
-    if not isinstance(value, int | np.integer) or isinstance(value, bool):
+    if not isinstance(value, INTEGERS) or isinstance(value, bool):
         raise _refusal(name, "be an integer", value)
     if not low <= value <= high:
         raise _refusal(name, f"lie in [{low}, {high}]", value)
@@ -449,7 +454,7 @@ def _real_array(name: str, value: object) -> Array:
 
 
 def _integer_from(least: int, name: str, limit: str, value: object) -> int:
-    if isinstance(value, int | np.integer) and not isinstance(value, bool) and value >= least:
+    if isinstance(value, INTEGERS) and not isinstance(value, bool) and value >= least:
         if value >= _COUNTS:
             raise _refusal(name, "be below 2^63", value)
         return int(value)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cache, cached_property
 from math import factorial, inf
 from typing import Any
 
@@ -36,6 +36,14 @@ the longest step is then a million times as long, so that few are taken one by o
 # A cell of n = 8 to 208 slots takes 1.7 to 2.4 ns times (n + 64) at 2.5 GHz, and up to ten times as
 # long with a Taylor polynomial: a call takes 10 to 100 ms.
 _NUMBERS_OF_A_CALL, _LEAST_SLOTS = 1 << 22, 64
+
+
+@cache
+def _kernels() -> Any:
+    """The modules of the kernels, imported once: an import in each call takes as long as they."""
+    from dynkit.exponential import double_double_kernels, evaluation_kernels, ladder_kernels
+
+    return double_double_kernels, evaluation_kernels, ladder_kernels
 
 
 def padded(count: int) -> int:
@@ -143,10 +151,8 @@ def steps(pairs: Pairs, smallest: float, rungs: int) -> Array:
 
 
 def _fill_steps(pairs: Pairs, smallest: float, first: int, last: int, step: Array) -> None:
-    from dynkit.exponential.double_double_kernels import fill_steps
-
     low, work = pairs.generator_low, np.empty((4, 8))
-    fill_steps(pairs.generator, low, smallest, first, last, step, work)
+    _kernels()[0].fill_steps(pairs.generator, low, smallest, first, last, step, work)
 
 
 def _links(
@@ -263,26 +269,25 @@ def _alone(
 
     With a known ladder only slot `steady` is computed.
     """
-    from dynkit.exponential.evaluation_kernels import DEGREE, SEPARATE, TAIL
-    from dynkit.exponential.ladder_kernels import fill_sum
-
+    _, kernels, ladder_kernels = _kernels()
     pairs, seen, first, last = propagators.pairs, padded(row.shape[1]), 0, row.shape[1]
     if known is None:
-        rows, cell = np.zeros((SEPARATE + 1, seen)), np.zeros((propagators.rungs, 10, seen))
+        rows = np.zeros((kernels.SEPARATE + 1, seen))
+        cell = np.zeros((propagators.rungs, 10, seen))
     else:
         rows, cell, first, last = known.rows.copy(), known.cell.copy(), steady, steady + 1
-    smooth = fill_sum(
+    smooth = ladder_kernels.fill_sum(
         pairs.generator,
         pairs.scale,
         slow.astype(float),
         np.ascontiguousarray(row),
-        float(factorial(DEGREE + 1)),
+        float(factorial(kernels.DEGREE + 1)),
         LARGEST,
         propagators.smallest,
         propagators.step,
         rows,
         cell,
-        np.empty((2, DEGREE + 2, 2)),
+        np.empty((2, kernels.DEGREE + 2, 2)),
         first,
         last,
     )
@@ -290,8 +295,8 @@ def _alone(
         "cell": cell,
         "rows": rows,
         "smooth": smooth,
-        "apart": bool(np.any(pairs.scale[: row.shape[1]] == 0.0)),
-        "swing": float(rows[TAIL, steady]) if steady >= 0 else 0.0,
+        "apart": known.apart if known else bool(np.any(pairs.scale[: row.shape[1]] == 0.0)),
+        "swing": float(rows[kernels.TAIL, steady]) if steady >= 0 else 0.0,
     }
 
 

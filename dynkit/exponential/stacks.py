@@ -85,8 +85,8 @@ def stacked(sums: Sequence[Any], group: int = 0) -> Any:
     return Ladders(
         **{name: np.asarray(getattr(one, name))[None] for name in whole},
         sizes=np.array([(len(one.step), len(one.links))]),
-        cell=np.array([s.cell for s in sums]),
-        rows=np.array([s.rows for s in sums]),
+        cell=np.array([s.cell for s in sums]) if len(sums) > 1 else one.cell[None],
+        rows=np.array([s.rows for s in sums]) if len(sums) > 1 else one.rows[None],
         integers=np.array(
             [(group, len(s.cell), s.smooth, s.apart, s.grows, s.steady) for s in sums]
         ),

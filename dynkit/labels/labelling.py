@@ -7,6 +7,7 @@ from typing import Protocol, final
 
 import numpy as np
 
+from dynkit.core.kept import copied
 from dynkit.core.validation import Array, positive, positive_integer
 from dynkit.labels.label import OrbitKind, OrbitLabel
 from dynkit.labels.recurrence import REPETITIONS, Recurrences
@@ -149,7 +150,7 @@ def label_orbit(
     """
     began = time.perf_counter()
     label = _decided(source, kept, tolerance, budget)
-    return replace(label, seconds=time.perf_counter() - began)
+    return copied(label, seconds=time.perf_counter() - began)
 
 
 def _decided(source: OrbitSource, kept: int, tolerance: float, budget: int | None) -> OrbitLabel:
@@ -228,7 +229,7 @@ def with_multiplier(
         random = np.random.default_rng(0)
         probes = [disturbed_eigenvalues(last, errors, random)[0] for _ in range(PROBES)]
         error += MARGIN * float(abs(abs(np.array(probes)) - found).max())
-    known = replace(label, multiplier=found, multiplier_error=error)
+    known = copied(label, multiplier=found, multiplier_error=error)
     if label.recurrence > label.tolerance and known.stable is None:
         return replace(label, kind=OrbitKind.UNSETTLED, iterates=None, periods=None)
     return known

@@ -65,9 +65,9 @@ def product_eigenvalues(factors: Any) -> Any:
 
 
 def spectral_radius(factors: Any) -> float:
-    """Return the largest modulus of the `product_eigenvalues`."""
+    """Return the largest modulus of the `product_eigenvalues`; one factor must be finite."""
     if len(factors) == 1:
-        values = _of_one(_checked(factors)[0])
+        values = _of_one(factors[0])
         return float(abs(values[abs(values).argmax()]))
     return float(abs(product_eigenvalues(factors)[0]))
 

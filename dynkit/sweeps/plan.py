@@ -14,7 +14,6 @@ from typing import Any, final
 import numpy as np
 
 from dynkit.core.cost import Cost
-from dynkit.core.no_motion import located
 from dynkit.core.validation import Array, finite_array, read_only
 from dynkit.data.store import identity_of, kind_of
 from dynkit.dynamics.attractor import Attractor
@@ -253,13 +252,16 @@ class _Simulation:
         finals, endings, work = [], [], Counter[str]()
         start = self._start(before)
         for place, value in enumerate(values.tolist()):
-            with located(f"at {plan.parameter} {value}"):
+            try:
                 # a system at another value may know what does not depend on the parameter
                 system = self.system = plan.system_at(value, self.system)
                 if plan.follow:
                     motion, displaced[place] = plan.following(system, start)
                 else:
                     motion = plan.motion(system, start)
+            except Exception as error:
+                error.add_note(f"at {plan.parameter} {value}")
+                raise
             for name, rows in kept.items():
                 found = motion.observable(name)
                 rows[place, : len(found)] = found

@@ -7,12 +7,13 @@ import math
 from abc import abstractmethod
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from functools import cache, cached_property
+from functools import cache
 from typing import TYPE_CHECKING, Any, ClassVar, Self, final
 
 import numpy as np
 from numpy.typing import NDArray
 
+from dynkit.core.kept import cached_property
 from dynkit.core.no_motion import NoCrossing
 from dynkit.core.smooth_map import generic_direction
 from dynkit.core.stretching import Stretching
@@ -130,17 +131,17 @@ class ImpactMap(DrivenStructure, Map):
         if self.elements:
             defaults = {e.name: e.default for e in dataclasses.fields(self) if e.name in OF_TABLE}
             parameters = defaults | parameters
-        made = dataclasses.replace(self, **parameters)
-        own, found = ({**vars(each), **each._numbers} for each in (self, made))
+        made = type(self)(**{name: getattr(self, name) for name in known} | parameters)
         for name, value in asked.items():
-            before, after = own.get(name, ()), found.get(name, ())
-            ignored, shown = False, before
+            own, found = (vars(o) if name in known else o._numbers for o in (self, made))
+            before, after, ignored = own.get(name, ()), found.get(name, ()), False
             if isinstance(before, float):
-                ignored, shown = after == before != value, f"{before:.16g}"
+                ignored = after == before != value
             elif name in _FORCES:
                 ignored = np.array_equal(after, before) and not np.array_equal(value, before)
             if ignored:
                 kind = type(self).__name__
+                shown = f"{before:.16g}" if isinstance(before, float) else before
                 raise ValueError(f"{name} must be {shown}, which {kind} computes; got {value!r}")
         made._take(self)
         return made

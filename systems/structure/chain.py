@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from dynkit.core.validation import finite_array, positive_integer
+from dynkit.core.validation import SCALARS, finite_array, positive_integer
 from dynkit.systems.structure.lagrangian import LagrangianStructure
 
 if TYPE_CHECKING:
@@ -100,7 +100,7 @@ class Chain(LagrangianStructure):
     dashpots: tuple[float, ...]
 
     def __init__(self, masses: object, springs: object = 1.0, dashpots: object = 0.0) -> None:
-        if isinstance(masses, int | float | np.generic):
+        if isinstance(masses, SCALARS):
             mass = (1.0,) * positive_integer("masses", masses)
         else:
             mass = element_values("masses", masses, None, zero=False)
@@ -153,7 +153,7 @@ def element_values(
     """
     if type(value) is float and (0.0 < value < math.inf or (zero and value == 0.0)):
         return (value,) * (count or 1)
-    alone = isinstance(value, int | float | np.generic)
+    alone = isinstance(value, SCALARS)
     array = finite_array(name, value, () if alone else (count,)).ravel()
     if not len(array):
         raise ValueError(f"{name} must hold at least one number; got none")

@@ -7,6 +7,7 @@ import time
 from collections import Counter
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import final
 
 import numpy as np
@@ -62,11 +63,16 @@ class Plan:
     start: Array
     origin: tuple[float, float]
 
-    def system_at(self, first: float, second: float) -> Map:
-        """Return the system at a pair of values."""
+    @cached_property
+    def _first(self) -> Map:
+        """The system at the origin, of which those at other pairs may keep parts."""
         if self.system is None:
             raise ValueError("system must be given to load a map that is to simulate; got None")
-        return replaced(self.system, **{self.names[0]: first, self.names[1]: second})
+        return replaced(self.system, **dict(zip(self.names, self.origin, strict=True)))
+
+    def system_at(self, first: float, second: float) -> Map:
+        """Return the system at a pair of values."""
+        return replaced(self._first, **{self.names[0]: first, self.names[1]: second})
 
     def motion(self, first: float, second: float) -> Attractor:
         """Simulate at a pair of values.
@@ -77,7 +83,7 @@ class Plan:
             When the system refuses the pair, or the start at it.
         """
         system = self.system_at(first, second)
-        start = self.system_at(*self.origin).unpack_state(self.start) if len(self.start) else None
+        start = self._first.unpack_state(self.start) if len(self.start) else None
         return system.attractor(start=start, transient=self.transient, keep=self.keep)
 
     def __call__(self, pairs: Array) -> Rows:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from dataclasses import dataclass
 from fractions import Fraction
-from functools import cached_property
+from functools import cache, cached_property
 from typing import Any, final
 
 import numpy as np
@@ -17,17 +17,23 @@ from dynkit.systems.impact.modes.schur_forms.block_schur import Blocks, real_blo
 from dynkit.systems.structure.modes import Derivation, Modes
 
 
+@cache
+def _fill_products() -> Any:
+    """The kernel of `row_by_row`; an import at each call would take as long as the products."""
+    from dynkit.systems.impact.modes.row_kernels import fill_products
+
+    return fill_products
+
+
 def row_by_row(rows: Array, matrix: Array) -> Array:
     """Products (..., m) of each row (..., n) with a matrix (m, n).
 
     The bits of a product do not depend on the other rows, unlike with BLAS, whose order of
     summation depends on their number.
     """
-    from dynkit.systems.impact.modes.row_kernels import fill_products
-
     flat = np.ascontiguousarray(rows).reshape(-1, rows.shape[-1])
     out = np.empty((len(flat), len(matrix)))
-    fill_products(flat, np.ascontiguousarray(matrix.T), out)
+    _fill_products()(flat, np.ascontiguousarray(matrix.T), out)
     return out.reshape(*rows.shape[:-1], len(matrix))
 
 
@@ -156,7 +162,9 @@ class NormalModes(Basis):
         if self.unmixing is not None:
             b = self.unmixing
             q, p = b[0, 0] * q + b[0, 1] * p, b[1, 0] * q + b[1, 1] * p
-        return np.stack([q, p], axis=-2)
+        out = np.empty((*q.shape[:-1], 2, q.shape[-1]))
+        out[..., 0, :], out[..., 1, :] = q, p
+        return out
 
     def position_row(self, coefficients: Array) -> Array:
         row = coefficients @ self.matrix

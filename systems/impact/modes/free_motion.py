@@ -82,6 +82,7 @@ _motions: WeakKeyDictionary[Contact, FreeMotion] = WeakKeyDictionary()
 
 def free_motion(contact: Contact) -> FreeMotion:
     """The free motion of a structure without forces; computed once."""
-    if contact not in _motions:
-        _motions[contact] = FreeMotion(contact)
-    return _motions[contact]
+    found = _motions.get(contact)
+    if found is None:
+        found = _motions[contact] = FreeMotion(contact)
+    return found

@@ -59,8 +59,7 @@ class Mode:
         forced = self.forced.turned(frequency)
         if forced is None:
             return None
-        out = copied(self)
-        out.forced, out._sums = forced, {}
+        out = copied(self, forced=forced, _sums={})
         if self.layout.table >= 0:
             out.propagators = self.propagators.turning(self.layout.table, frequency)
         return out
@@ -85,12 +84,15 @@ class Mode:
             v[..., there] = np.multiply.outer(sine, turning.real)
             v[..., there] += np.multiply.outer(cosine, turning.imag)
             v[..., there] += np.multiply.outer(one, forced.drift[there] + self._drifts)
-        x, v = (y - np.multiply.outer(one, z) for y, z in ((x, forced.rest), (v, forced.drift)))
+        if forced.shifts:
+            x = x - np.multiply.outer(one, forced.rest)
+            v = v - np.multiply.outer(one, forced.drift)
         return self.steady(forced.coordinates(x, v, sine, cosine), one)
 
     def steady(self, q: Array, one: Any = 1.0) -> Array:
         """Give sticking sliders their exact velocities; coordinates (..., 2, m), in place."""
-        q[..., 1, self._anchors] = np.multiply.outer(one, self._drifts)
+        if len(self._anchors):
+            q[..., 1, self._anchors] = np.multiply.outer(one, self._drifts)
         return q
 
     @property

@@ -130,14 +130,13 @@ class Forced:
             self.drift += self.spread(still)
             self._still = response[2]
         self.turns = bool(load.harmonic.any() or self.shape.any())
+        self.shifts = bool(self.rest.any() or self.drift.any())
 
     def turned(self, frequency: float) -> Forced | None:
         """The motion at another frequency; None where harmonic or resonant parts depend on it."""
         if self.turns or self._own_links:
             return None
-        out = copied(self)
-        out.frequency = frequency
-        return out
+        return copied(self, frequency=frequency)
 
     @cached_property
     def rest_terms(self) -> Array:
@@ -272,13 +271,14 @@ class Forced:
         """Coordinates (..., 2, m) of positions less `rest` and velocities less `drift` (..., N)."""
         if self.basis is None:
             return np.zeros((*d.shape[:-1], 2, 0))
-        d = d - self._turned(sine, cosine, self.shape)
-        v = v - self._turned(sine, cosine, self.turning)
+        if self.turns:
+            d = d - self._turned(sine, cosine, self.shape)
+            v = v - self._turned(sine, cosine, self.turning)
         return self.basis.coordinates(d[..., self.free], v[..., self.free])
 
     def energies(self, q: Array, sine: Any, cosine: Any, mass: Array, stiffness: Array) -> Array:
         """Kinetic plus elastic energy (...) of all coordinates."""
-        if self.basis is not None and not (self.turns or self.rest.any() or self.drift.any()):
+        if self.basis is not None and not (self.turns or self.shifts):
             return self.basis.energies(q)
         x, v = self.positions(q, sine, cosine), self.velocities(q, sine, cosine)
         return energy_of(x, v, mass, stiffness)

@@ -5,12 +5,13 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
-from functools import cached_property, partial
+from functools import partial
 from typing import TYPE_CHECKING, Any, ClassVar, Self, final
 
 import numpy as np
 
 from dynkit.core.cost import Cost
+from dynkit.core.kept import cached_property, copied
 from dynkit.core.no_motion import NoCrossing, NoDerivative, TangentCrossing
 from dynkit.core.reprs import Facts
 from dynkit.core.validation import Array, finite_array
@@ -373,7 +374,7 @@ class _ImpactOrbit:
         if label.kind is OrbitKind.UNSETTLED:
             return label
         here = self.system, self.record.final, label
-        return replace(
+        return copied(
             label,
             measure_period=partial(period_of, *here),
             count_harmonics=partial(_harmonics, *here),

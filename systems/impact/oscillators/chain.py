@@ -6,9 +6,7 @@ from dataclasses import dataclass
 from fractions import Fraction
 from typing import TYPE_CHECKING
 
-import numpy as np
-
-from dynkit.core.validation import positive_integer, within_memory
+from dynkit.core.validation import SCALARS, positive_integer, within_memory
 from dynkit.systems.impact.oscillators.oscillator import ImpactOscillator
 from dynkit.systems.structure.chain import chain_kinetic, chain_links, element_values
 
@@ -60,7 +58,7 @@ class ImpactChain(ImpactOscillator):
     damping: float | tuple[float, ...] = 0.1
 
     def __post_init__(self) -> None:
-        if isinstance(self.masses, int | float | np.generic):
+        if isinstance(self.masses, SCALARS):
             count = positive_integer("masses", self.masses)
             # mass, damping, stiffness and modes
             self._set("masses", within_memory("masses", count, 4.0 * 8.0 * count * count))
@@ -68,7 +66,7 @@ class ImpactChain(ImpactOscillator):
             self._set("masses", element_values("masses", self.masses, None, zero=False))
         for name in ("springs", "damping"):
             values = element_values(name, getattr(self, name), self.degrees_of_freedom)
-            alone = isinstance(getattr(self, name), int | float | np.generic)
+            alone = isinstance(getattr(self, name), SCALARS)
             self._set(name, values[0] if alone else values)
         super().__post_init__()
 

@@ -5,12 +5,12 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable, Iterator, Sequence
 from contextlib import ExitStack
-from functools import cached_property
 from typing import TYPE_CHECKING, Any, ClassVar, Self, final
 
 import numpy as np
 
 from dynkit.core.cost import Cost
+from dynkit.core.kept import cached_property
 from dynkit.core.progress import late_bar
 from dynkit.core.reprs import Facts, largest, system_repr
 from dynkit.core.validation import (
@@ -261,7 +261,7 @@ class ImpactRecord(SavedWithSystem):
             positions, velocities = self.system._crossed.kept
             own = self.position[:, positions], self.velocity[:, velocities], self.sliders
             return np.concatenate(own, axis=1)
-        others = np.array(self.system._others)
+        others = self.system._others
         if self.system._motion is None and self.system._automaton.beside is None:
             # of a stop alone, what is put on it is left out
             forced, q = self.system._free.forced, self._run.coordinates
@@ -272,7 +272,7 @@ class ImpactRecord(SavedWithSystem):
         if not self.system._several:
             kept: Any = np.s_[:, others[0]]
         else:
-            kept = np.arange(len(self))[:, None], others[self._run.element]
+            kept = np.arange(len(self))[:, None], np.array(others)[self._run.element]
         parts = [self.position[kept], self.velocity[kept], self.sliders]
         parts.append(self.relative_velocity[:, None])
         return np.concatenate(parts, axis=1)
@@ -457,12 +457,13 @@ class ImpactRecord(SavedWithSystem):
 
         if times is not None:
             return along_at(self.system, self._run, name, self._within(times))
-        known = one_of("name", name, self.system.observables)
-        if "." in known:
-            return along_impacts(self.system, self._run, known)
-        if self.system._strobed:
-            return self.states[:, self.system.observables.index(known)]
-        return np.asarray(getattr(self, known), dtype=np.float64)
+        if self.system._strobed or name not in OF_IMPACTS:
+            known = one_of("name", name, self.system.observables)
+            if "." in known:
+                return along_impacts(self.system, self._run, known)
+            if self.system._strobed:
+                return self.states[:, self.system.observables.index(known)]
+        return np.asarray(getattr(self, name), dtype=np.float64)
 
     def _within(self, times: object) -> Array:
         """Times (k,) within what was simulated."""

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
 from functools import partial
 from typing import Any, NamedTuple, final
 
@@ -101,8 +100,10 @@ class Automaton(JoinedModes):
         """Forget all modes, and what was made of them."""
         self._ladders, self._stacked_modes = LadderStack(), 0
         self._stack, self._of_guards = Stack(), Stack()
-        self._slots, self._joined, self._rows = 0, dict[int, int](), dict[int, int]()
-        self._changes = dict[tuple[int, int], list[Array]]()
+        self._slots = 0
+        self._joined: dict[int, int] = {}
+        self._rows: dict[int, int] = {}
+        self._changes: dict[tuple[int, int], list[Array]] = {}
         self._forget()
         self._tables: Any = None
         self._first: Any = None
@@ -119,9 +120,8 @@ class Automaton(JoinedModes):
         first, frequency = self._first, excitation.frequency
         if frequency == self._excitation.frequency:
             return self
-        out = copied(self)
+        out = copied(self, _excitation=excitation)
         out._begin()
-        out._excitation = excitation
         mode = self.modes[0].turned(frequency)
         if first is None or mode is None:
             out._number(self.regimes[0])
@@ -129,7 +129,7 @@ class Automaton(JoinedModes):
         out.modes, out.regimes, out.table = [mode], self.regimes[:1], first[0]
         for g in self.guards[: len(first[0])]:
             sum_ = turned(g.sum, mode.propagators)
-            out.guards.append(replace(g, sum=sum_, target=-1, partner=-1, change=None))
+            out.guards.append(copied(g, sum=sum_, target=-1, partner=-1, change=None))
         rate = frequency if mode.layout.table < 0 else 0.0
         ladders = stacked([g.sum for g in out.guards])
         out._tables = first[1]._replace(ladders=ladders, clock_rate=rate)

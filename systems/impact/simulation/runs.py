@@ -452,7 +452,7 @@ class Course:
         self.ending = Ending.PARADOX if paradox else _ENDINGS[ending]
         if self.ending is Ending.SEARCH_LIMIT and self._hits_nothing() and self._hangs():
             self.ending = Ending.HANGS
-        return Impacts(*log).part(0, done)
+        return Impacts(*(array[:done] for array in log))
 
     @property
     def cells(self) -> int:

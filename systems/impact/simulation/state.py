@@ -6,13 +6,13 @@ import math
 from collections.abc import Iterable
 from dataclasses import dataclass, field
 from enum import Enum
-from functools import cached_property
 from typing import TYPE_CHECKING, Any, ClassVar, Self, final
 
 import numpy as np
 
+from dynkit.core.kept import cached_property
 from dynkit.core.no_motion import Diverged, Refused
-from dynkit.core.validation import Array, finite_array
+from dynkit.core.validation import Array, all_finite, finite_array
 from dynkit.exponential.sums import band
 from dynkit.systems.impact.modes.constrained import rides
 from dynkit.systems.impact.modes.curves import CurvedContact
@@ -112,7 +112,7 @@ class ImpactState:
         forced = system._free.forced
         with np.errstate(over="ignore", invalid="ignore"):
             x, v = forced.positions(q, sine, cosine), forced.velocities(q, sine, cosine)
-        if not (np.isfinite(x).all() and np.isfinite(v).all()):
+        if not (all_finite(x) and all_finite(v)):
             raise Diverged(f"the motion runs away: its positions are {x} and its velocities {v}")
         if self.motion is not Motion.FLIGHT:
             put_on(system, self.element, self.closed, (x, v), sine, cosine, self.speed)
@@ -230,7 +230,7 @@ def state_at(
     """The state at positions and velocities (N + J,), and sine and cosine (2,) of the phase."""
     with np.errstate(over="ignore", invalid="ignore"):
         q = oscillator._free.coordinates(x, v, *turn)
-    if not np.isfinite(q).all():
+    if not all_finite(q):
         raise Refused(f"positions and velocities must not overflow; got {x} and {v}")
     return state_of(oscillator, q, turn, speed, element, motion, closed)
 

@@ -5,12 +5,12 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import dataclass, fields, replace
 from enum import Enum
-from functools import cached_property
 from typing import Any, final
 
 import numpy as np
 from numpy.typing import NDArray
 
+from dynkit.core.kept import cached_property
 from dynkit.core.validation import Array
 from dynkit.data.dataset import Dataset
 from dynkit.systems.impact.elements.element import EventKind
@@ -447,8 +447,11 @@ class Trajectory:
     @property
     def durations(self) -> tuple[Array, Array]:
         """Durations (n,) of the flights before impacts, and (j,) of the contacts before flights."""
-        count, flights = self.ended, self.time.copy()
+        flights = self.time.copy()
         flights[1:] -= self.time[:-1]
+        if not len(self.switches.time):
+            return flights, np.empty(0)
+        count = self.ended
         before = self.before[:count]
         held = self.contacts[:count, 1] - self.times[before]
         flights[before] -= held
