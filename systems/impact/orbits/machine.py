@@ -287,7 +287,7 @@ class Machine:
     def like(self, oscillator: DrivenStructure) -> Machine:
         """That of another oscillator; it shares what it can where the frequency alone differs."""
         same = _beside_frequency(oscillator) == self._fixed
-        return self._turned(oscillator.frequency) if same else Machine(oscillator)
+        return self._turned(oscillator.frequency) if same else machine_of(oscillator)
 
     def changed(self, oscillator: DrivenStructure, change: tuple[Array, Numbers]) -> Machine:
         """That of its oscillator with changes of the numbers, whole and in parts."""
@@ -600,3 +600,9 @@ class Machine:
         row[-3], row[-2] = amplitude * np.cos(phase), -amplitude * np.sin(phase)
         row[-1] = offset
         return row
+
+
+@kept
+def machine_of(oscillator: DrivenStructure) -> Machine:
+    """The machine of an oscillator, which keeps it."""
+    return Machine(oscillator)

@@ -35,7 +35,13 @@ from dynkit.systems.impact.orbits.itineraries.several_modes import divided, pass
 from dynkit.systems.impact.orbits.itineraries.several_modes.linear import LinearSolution
 from dynkit.systems.impact.orbits.itineraries.several_modes.shooting import ShootingSolution
 from dynkit.systems.impact.orbits.itineraries.several_modes.taylor import TaylorSolution
-from dynkit.systems.impact.orbits.machine import Changes, Machine, Regimes, difference
+from dynkit.systems.impact.orbits.machine import (
+    Changes,
+    Machine,
+    Regimes,
+    difference,
+    machine_of,
+)
 from dynkit.systems.impact.simulation.parameters import changes_alone
 from dynkit.systems.impact.simulation.state import TWO_PI
 
@@ -286,7 +292,7 @@ class ImpactProblem(PeriodicProblem, WatchedProblem):
             own = system, windows_of(system), Terms.of(system), self._measures
             return responses.Scene(*own, partial(self.system, p))
         known = self._known[0][1].machine if self._known else None
-        machine, parts = known.like(system) if known else Machine(system), system._parts
+        machine, parts = known.like(system) if known else machine_of(system), system._parts
         if parts.falls and system._motion is None:
             for mode in {event.mode for event in self.itinerary}:
                 parts.check_slopes(machine.dashpots(mode))
@@ -378,7 +384,7 @@ class ImpactProblem(PeriodicProblem, WatchedProblem):
     def _guard_units(self) -> Array:
         m, units, (length, speed) = self._measures.copy(), [], self.sizes
         m[-3:] = 0.0
-        machine = Machine(self.oscillator)
+        machine = machine_of(self.oscillator)
         for event, pair in zip(self.itinerary, self.pairs, strict=True):
             row = np.zeros_like(m)
             if event.element >= 0:
