@@ -131,18 +131,17 @@ class ImpactMap(DrivenStructure, Map):
             defaults = {e.name: e.default for e in dataclasses.fields(self) if e.name in OF_TABLE}
             parameters = defaults | parameters
         made = dataclasses.replace(self, **parameters)
-        own, found = ({**vars(each), **each._numbers} for each in (self, made))
+        made._take(self)
         for name, value in asked.items():
-            before, after = own.get(name, ()), found.get(name, ())
-            ignored, shown = False, before
-            if isinstance(before, float):
-                ignored, shown = after == before != value, f"{before:.16g}"
+            own, found = (e._numbers.get(name, vars(e).get(name, ())) for e in (self, made))
+            ignored, shown = False, own
+            if isinstance(own, float):
+                ignored, shown = found == own != value, f"{own:.16g}"
             elif name in _FORCES:
-                ignored = np.array_equal(after, before) and not np.array_equal(value, before)
+                ignored = np.array_equal(found, own) and not np.array_equal(value, own)
             if ignored:
                 kind = type(self).__name__
                 raise ValueError(f"{name} must be {shown}, which {kind} computes; got {value!r}")
-        made._take(self)
         return made
 
     def _take(self, other: ImpactMap) -> None:
@@ -177,7 +176,7 @@ class ImpactMap(DrivenStructure, Map):
         code = {"code": code_of(type(self))} if more else {}
         return found | of_law | smooth | elements | ({"regimes": forces} if forces else {}) | code
 
-    @property
+    @cached_property
     def _numbers(self) -> dict[str, float]:
         """The parameters of elements, or of the law of the table."""
         if self.elements:

@@ -207,14 +207,16 @@ class Changes:
         system = self._system(p)
         return system._motion.equations, *(curve.form for curve in system._curves.values())
 
-    def by(self, p: Array, k: int) -> tuple[Array, Numbers] | None:
+    def by(self, p: Array, k: int, alone: bool = False) -> tuple[Array, Numbers] | None:
         """By number `k` of the parameters (l,), whole and in parts.
 
-        Kept where it is the same for all its values. None where energies have another form beside
+        Kept where it is the same for all its values, and those of the others where it changes
+        nothing but itself. None where energies have another form beside
         these values, as where a term vanishes.
         """
         form = self._form(p)
-        key = k, p[:k].tobytes() + p[k + 1 :].tobytes(), form
+        others = b"" if alone and not self._modes else p[:k].tobytes() + p[k + 1 :].tobytes()
+        key = k, others, form
         if key in self._known:
             return self._known[key]
         changed = False

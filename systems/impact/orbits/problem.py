@@ -310,8 +310,13 @@ class ImpactProblem(PeriodicProblem, WatchedProblem):
     @cached_property
     def plain(self) -> bool:
         """Whether the free parameters are in closed form, and change nothing but themselves."""
+        return all(self._alone)
+
+    @cached_property
+    def _alone(self) -> list[bool]:
+        """Which of the free parameters are in closed form, and change nothing but themselves."""
         own = self.oscillator
-        return not own.elements and all(changes_alone(own, name) for name in self._names)
+        return [not own.elements and changes_alone(own, name) for name in self._names]
 
     @final
     def at(self, x: Array, p: Array) -> Any:
@@ -427,7 +432,7 @@ class ImpactProblem(PeriodicProblem, WatchedProblem):
     def _by(self, x: Array, p: Array, k: int) -> Array:
         """Derivative (m,) of the equations by the free parameter number `k`."""
         s = self.at(x, p)
-        change = self._changes.by(p, k)
+        change = self._changes.by(p, k, self._alone[k])
         found = None if change is None else s.change(change)
         return self._numerically(x, p, k, s) if found is None else found / self.units_of_equations
 
