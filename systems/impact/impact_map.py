@@ -62,6 +62,7 @@ _OF_ALL = (*_OF_STRUCTURE, "_stops", "_contacts", "_contact")
 """What oscillators share whose structures are the same; and whose tables are, too."""
 
 _FORCES = "harmonic_forces", "constant_forces"
+_ALONG = {"contact", "side", "play"}
 
 
 @cache
@@ -147,10 +148,15 @@ class ImpactMap(DrivenStructure, Map):
     def _take(self, other: ImpactMap) -> None:
         """Take what follows from the same arguments from another oscillator, where it is known."""
         own, known = vars(self), vars(other)
-        changed = {name for name, value in own.items() if value is not known.get(name)}
+        pairs = ((name, value, known.get(name)) for name, value in own.items())
+        # what a class checks is a new tuple each time
+        changed = {k for k, a, b in pairs if a is not b and not (type(a) is tuple and a == b)}
         if changed <= independent(type(self)) - {"elements"}:
             names = _OF_STRUCTURE if changed.intersection(OF_TABLE) else _OF_ALL
             own.update({name: known[name] for name in names if name in known})
+            # where stops are at rest does not matter, but along what they act
+            if "_progression" in known and not changed & _ALONG and self._motion is None:
+                own["_progression"] = known["_progression"]
 
     @property
     def identity(self) -> Mapping[str, object]:
