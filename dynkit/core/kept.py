@@ -64,12 +64,17 @@ def kept(
     @wraps(method)
     def found(self: Any, /, *given: _Given.args, **none: _Given.kwargs) -> _Found:
         known: dict[tuple[Any, ...], _Found] = vars(self).setdefault("_kept", {})
-        own = [one.tobytes() if isinstance(one, np.ndarray) else one for one in given]
-        key: tuple[Any, ...] = (name, *own)
-        if key not in known:
-            known[key] = made = method(self, *given, **none)
-            if isinstance(made, np.ndarray):
-                made.setflags(write=False)
-        return known[key]
+        key: tuple[Any, ...] = (name, *given)
+        try:
+            if key in known:
+                return known[key]
+        except TypeError:  # arrays have no hash
+            key = tuple(one.tobytes() if isinstance(one, np.ndarray) else one for one in key)
+            if key in known:
+                return known[key]
+        known[key] = made = method(self, *given, **none)
+        if isinstance(made, np.ndarray):
+            made.setflags(write=False)
+        return made
 
     return found

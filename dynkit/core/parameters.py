@@ -97,9 +97,13 @@ class Family(Extensible, Shown):
 
 @lru_cache
 def cached_in(kind: type) -> frozenset[str]:
-    """Return the names of the cached properties of a class, which follow from its fields."""
+    """Return the names of attributes of a class that follow from its fields.
+
+    They are cached properties, and where `kept` methods keep their results.
+    """
     members = (pair for base in kind.__mro__ for pair in vars(base).items())
-    return frozenset(name for name, member in members if isinstance(member, cached_property))
+    cached = (name for name, member in members if isinstance(member, cached_property))
+    return frozenset(("_kept", *cached))
 
 
 def without_cached(instance: object) -> dict[str, Any]:

@@ -63,6 +63,7 @@ _OF_ALL = (*_OF_STRUCTURE, "_stops", "_contacts", "_contact")
 """What oscillators share whose structures are the same; and whose tables are, too."""
 
 _FORCES = "harmonic_forces", "constant_forces"
+_ALONG = {"contact", "side", "play"}
 
 
 @cache
@@ -132,27 +133,32 @@ class ImpactMap(DrivenStructure, Map):
             defaults = {e.name: e.default for e in dataclasses.fields(self) if e.name in OF_TABLE}
             parameters = defaults | parameters
         made = type(self)(**{name: getattr(self, name) for name in known} | parameters)
+        made._take(self)
         for name, value in asked.items():
             own, found = (vars(o) if name in known else o._numbers for o in (self, made))
             before, after, ignored = own.get(name, ()), found.get(name, ()), False
             if isinstance(before, float):
                 ignored = after == before != value
             elif name in _FORCES:
-                ignored = np.array_equal(after, before) and not np.array_equal(value, before)
+                ignored = np.array_equal(found, own) and not np.array_equal(value, own)
             if ignored:
                 kind = type(self).__name__
                 shown = f"{before:.16g}" if isinstance(before, float) else before
                 raise ValueError(f"{name} must be {shown}, which {kind} computes; got {value!r}")
-        made._take(self)
         return made
 
     def _take(self, other: ImpactMap) -> None:
         """Take what follows from the same arguments from another oscillator, where it is known."""
         own, known = vars(self), vars(other)
-        changed = {name for name, value in own.items() if value is not known.get(name)}
+        pairs = ((name, value, known.get(name)) for name, value in own.items())
+        # what a class checks is a new tuple each time
+        changed = {k for k, a, b in pairs if a is not b and not (type(a) is tuple and a == b)}
         if changed <= independent(type(self)) - {"elements"}:
             names = _OF_STRUCTURE if changed.intersection(OF_TABLE) else _OF_ALL
             own.update({name: known[name] for name in names if name in known})
+            # where stops are at rest does not matter, but along what they act
+            if "_progression" in known and not changed & _ALONG and self._motion is None:
+                own["_progression"] = known["_progression"]
 
     @property
     def identity(self) -> Mapping[str, object]:
@@ -178,7 +184,7 @@ class ImpactMap(DrivenStructure, Map):
         code = {"code": code_of(type(self))} if more else {}
         return found | of_law | smooth | elements | ({"regimes": forces} if forces else {}) | code
 
-    @property
+    @cached_property
     def _numbers(self) -> dict[str, float]:
         """The parameters of elements, or of the law of the table."""
         if self.elements:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from fractions import Fraction
 from typing import TYPE_CHECKING
@@ -12,6 +13,7 @@ import numpy as np
 
 from dynkit.core.validation import SCALARS, finite_array, positive_integer
 from dynkit.systems.structure.lagrangian import LagrangianStructure
+from dynkit.systems.structure.symmetric import SymmetricMatrix
 
 if TYPE_CHECKING:
     import sympy
@@ -46,6 +48,31 @@ def chain_links(strengths: Sequence[float | Fraction], x: tuple[sympy.Symbol, ..
             for strength, after, behind in zip(strengths, x, before, strict=True)
         )
     )
+
+
+def chain_matrices(
+    masses: Sequence[float],
+    springs: Sequence[float | Fraction],
+    dashpots: Sequence[float | Fraction],
+) -> tuple[SymmetricMatrix, SymmetricMatrix, SymmetricMatrix]:
+    """M, C and K of `chain_kinetic` and `chain_links`, each element rounded once.
+
+    Raises
+    ------
+    OverflowError
+        When an element is no finite double.
+    """
+    places = range(len(masses))
+    found = [
+        SymmetricMatrix.from_fractions(len(masses), {(i, i): Fraction(masses[i]) for i in places})
+    ]
+    for strengths in (dashpots, springs):
+        k = [*(Fraction(strength) for strength in strengths), Fraction(0)]
+        elements = {(i, i): k[i] + k[i + 1] for i in places}
+        elements |= {(i, i + 1): -k[i + 1] for i in places[:-1]}
+        found.append(SymmetricMatrix.from_fractions(len(masses), elements))
+    mass, damping, stiffness = found
+    return mass, damping, stiffness
 
 
 def extensions(x: tuple[sympy.Symbol, ...]) -> tuple[sympy.Expr, ...]:
@@ -120,6 +147,12 @@ class Chain(LagrangianStructure):
 
     def dissipation(self, v: tuple[sympy.Symbol, ...]) -> sympy.Expr:
         return chain_links(self.dashpots, v)
+
+    def _matrices(self) -> tuple[SymmetricMatrix, SymmetricMatrix, SymmetricMatrix]:
+        if self._has_energies_of(Chain):
+            with suppress(OverflowError):  # an energy tells which element it is
+                return chain_matrices(self.masses, self.springs, self.dashpots)
+        return super()._matrices()
 
 
 def element_values(

@@ -19,6 +19,7 @@ from dynkit.core.validation import Array, positive_integer
 from dynkit.systems.structure.definiteness import check_definite, check_semidefinite
 from dynkit.systems.structure.energies import quadratic_form, symbols
 from dynkit.systems.structure.modes import Derivation, Modes
+from dynkit.systems.structure.symmetric import SymmetricMatrix
 
 if TYPE_CHECKING:
     import sympy
@@ -150,12 +151,16 @@ class LagrangianStructure(Extensible, Shown, ABC):
             for name in ("kinetic", "potential", "dissipation")
         )
 
-    def _derive(self) -> Derivation:
+    def _matrices(self) -> tuple[SymmetricMatrix, SymmetricMatrix, SymmetricMatrix]:
+        """M, C and K: second derivatives of the energies, each element rounded once."""
         size = positive_integer("degrees_of_freedom", self.degrees_of_freedom)
         v, x = symbols("v", size), symbols("x", size)
         mass = quadratic_form("kinetic", self.kinetic(v), v)
         stiffness = quadratic_form("potential", self.potential(x), x)
-        damping = quadratic_form("dissipation", self.dissipation(v), v)
+        return mass, quadratic_form("dissipation", self.dissipation(v), v), stiffness
+
+    def _derive(self) -> Derivation:
+        mass, damping, stiffness = self._matrices()
         check_definite("the mass matrix of kinetic", mass.dense)
         check_semidefinite("the stiffness matrix of potential", stiffness.dense)
         check_semidefinite("the damping matrix of dissipation", damping.dense)

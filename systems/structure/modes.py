@@ -161,7 +161,7 @@ class Modes(Saved):
         return Derivation.from_matrices(mass, damping, stiffness).modes
 
 
-_lock = RLock()
+_lock, _last = RLock(), dict[tuple[bytes, ...], Eigenpairs]()
 
 
 @dataclass(frozen=True, eq=False)
@@ -240,7 +240,7 @@ def _modes_of(given: Derivation) -> Modes:
     mass, damping, stiffness = given.mass, given.damping, given.stiffness
     # Powers of two, so that no square over- or underflows on the way.
     heavy, stiff = mass.exponent, stiffness.exponent
-    solved = refine(stiffness.scaled(-stiff), mass.scaled(-heavy))
+    solved = _solved(stiffness, mass)
     squared = _without_rounding_modes(solved, given.rounding)
     root = square_root(squared)
     frequencies = power_of_two(root, (stiff - heavy) // 2)
@@ -260,6 +260,16 @@ def _modes_of(given: Derivation) -> Modes:
         error=float(_HALF_ULP + max(relative.max(), solved.vectors_error.max())),
         cost=Cost(time.perf_counter() - began, {"modes": len(relative)}),
     )
+
+
+def _solved(stiffness: SymmetricMatrix, mass: SymmetricMatrix) -> Eigenpairs:
+    """Eigenpairs of scaled K and M; the last ones are kept, as where the damping alone changes."""
+    both = stiffness, mass
+    key = tuple(a.tobytes() for m in both for a in (m.rows, m.columns, m.high, m.low))
+    if key not in _last:
+        _last.clear()
+        _last[key] = refine(stiffness.scaled(-stiffness.exponent), mass.scaled(-mass.exponent))
+    return _last[key]
 
 
 def _checked(name: str, value: object, size: int | None) -> Array:

@@ -98,7 +98,7 @@ def structure_of(family: Family, parameters: Iterable[str]) -> Structure:
     """
     kind: Any = type(family)
     known = arguments(family)
-    for name in sorted(vars(family).keys() - cached_in(kind) - {*known, "_kept"}):
+    for name in sorted(vars(family).keys() - cached_in(kind) - set(known)):
         raise TypeError(
             f"{kind.__name__}.{name} must be an argument or a property, as expressions are made of "
             f"symbols for the arguments; got an attribute of value {getattr(family, name)!r}"

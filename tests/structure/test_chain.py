@@ -1,3 +1,5 @@
+import subprocess
+import sys
 from typing import Any
 
 import numpy as np
@@ -5,6 +7,7 @@ import pytest
 from hypothesis import given, strategies as st
 
 from dynkit.core.validation import Array
+from dynkit.systems.impact.oscillators.chain import ImpactChain
 from dynkit.systems.structure.chain import Chain
 
 SIZES = st.floats(1e-12, 1e12)
@@ -27,6 +30,49 @@ def test_matrices_are_bit_for_bit_those_assembled_directly(
     assert np.array_equal(chain.mass, np.diag(masses))
     assert np.array_equal(chain.stiffness, assembled(springs))
     assert np.array_equal(chain.damping_matrix, assembled(dashpots))
+
+
+class ByEnergies(ImpactChain):
+    """Its matrices are read from its energies, as one of these is overridden."""
+
+    def kinetic(self, v: tuple[Any, ...]) -> Any:
+        return super().kinetic(v)
+
+
+@given(
+    st.integers(1, 5).flatmap(lambda n: st.tuples(*[st.tuples(SIZES, LINKS, LINKS)] * n)),
+    st.none() | LINKS,
+)
+def test_matrices_are_to_the_last_digit_those_of_the_energies(
+    elements: tuple[tuple[float, float, float], ...], ratio: float | None
+) -> None:
+    masses, springs, dashpots = zip(*elements, strict=True)
+    own: Any = {"damping": dashpots if ratio is None else ratio}
+    made = (
+        kind(masses=masses, springs=springs, frequency=1.0, **own)
+        for kind in (ImpactChain, ByEnergies)
+    )
+    for one, other in zip(*(chain._matrices() for chain in made), strict=True):
+        assert one.dense.tobytes() == other.dense.tobytes()
+        assert one.low.tobytes() == other.low.tobytes()
+
+
+def test_a_chain_needs_no_computer_algebra() -> None:
+    code = (
+        "import sys; from dynkit.systems import ImpactChain;"
+        "print(ImpactChain(masses=3, frequency=0.9).periodic_orbit().label);"
+        "assert 'sympy' not in sys.modules"
+    )
+    run = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert run.stdout == "P(1,1)\n"
+
+
+def test_a_sum_beyond_the_range_of_floats_is_refused_by_its_energy() -> None:
+    for structure in (Chain(2, 1e308), ImpactChain(masses=2, springs=1e308, frequency=1.0)):
+        with pytest.raises(
+            ValueError, match="potential must be a quadratic form in x_1, x_2; a co"
+        ):
+            _ = structure.stiffness
 
 
 @pytest.mark.parametrize("size", [1, 2, 10, 1000])

@@ -10,6 +10,7 @@ from dynkit.core.validation import Array
 from dynkit.systems.structure.chain import Chain
 from dynkit.systems.structure.lagrangian import LagrangianStructure
 from dynkit.systems.structure.modes import Modes
+from dynkit.systems.structure.refinement import refine
 from tests.reference.impact_chain import to_mpf
 from tests.structure import reference
 from tests.structure.reference import column_error, matrix_error, relative_errors, value
@@ -369,3 +370,19 @@ def test_close_low_modes_beside_a_stiff_one_are_exact() -> None:
             sign = mpmath.sign(shapes[2, i])
             off = [float(mpf(float(modes.matrix[j, i])) - sign * shapes[j, i]) for j in range(3)]
             assert max(map(abs, off)) <= modes.error
+
+
+def test_another_damping_takes_no_eigenpairs_anew(monkeypatch: pytest.MonkeyPatch) -> None:
+    calls = []
+
+    def counted(*given: Any) -> Any:
+        calls.append(given)
+        return refine(*given)
+
+    monkeypatch.setattr("dynkit.systems.structure.modes.refine", counted)
+    springs = (1.0, 2.0, 1.0625)
+    found = [Chain(3, springs, dashpots=0.01 * k).modes for k in range(1, 6)]
+    assert len(calls) == 1
+    assert len({each.decay.tobytes() for each in found}) == 5
+    assert Chain([1.0, 1.0, 1.5], springs).modes.frequencies[0] < found[0].frequencies[0]
+    assert len(calls) == 2

@@ -136,6 +136,7 @@ def with_numbers(elements: tuple[Element, ...], given: Mapping[str, Any]) -> tup
     for k, name in enumerate(names_of(elements)):
         start = f"{name}."
         own = {n.removeprefix(start): v for n, v in given.items() if n.startswith(start)}
-        law = getattr(elements[k], "restitution", None)
-        found[k] = replace(elements[k], **with_law("restitution", law, own))
+        if own:
+            law = getattr(elements[k], "restitution", None)
+            found[k] = replace(elements[k], **with_law("restitution", law, own))
     return tuple(found)

@@ -207,14 +207,16 @@ class Changes:
         system = self._system(p)
         return system._motion.equations, *(curve.form for curve in system._curves.values())
 
-    def by(self, p: Array, k: int) -> tuple[Array, Numbers] | None:
+    def by(self, p: Array, k: int, alone: bool = False) -> tuple[Array, Numbers] | None:
         """By number `k` of the parameters (l,), whole and in parts.
 
-        Kept where it is the same for all its values. None where energies have another form beside
+        Kept where it is the same for all its values, and those of the others where it changes
+        nothing but itself. None where energies have another form beside
         these values, as where a term vanishes.
         """
         form = self._form(p)
-        key = k, p[:k].tobytes() + p[k + 1 :].tobytes(), form
+        others = b"" if alone and not self._modes else p[:k].tobytes() + p[k + 1 :].tobytes()
+        key = k, others, form
         if key in self._known:
             return self._known[key]
         changed = False
@@ -287,7 +289,7 @@ class Machine:
     def like(self, oscillator: DrivenStructure) -> Machine:
         """That of another oscillator; it shares what it can where the frequency alone differs."""
         same = _beside_frequency(oscillator) == self._fixed
-        return self._turned(oscillator.frequency) if same else Machine(oscillator)
+        return self._turned(oscillator.frequency) if same else machine_of(oscillator)
 
     def changed(self, oscillator: DrivenStructure, change: tuple[Array, Numbers]) -> Machine:
         """That of its oscillator with changes of the numbers, whole and in parts."""
@@ -600,3 +602,9 @@ class Machine:
         row[-3], row[-2] = amplitude * np.cos(phase), -amplitude * np.sin(phase)
         row[-1] = offset
         return row
+
+
+@kept
+def machine_of(oscillator: DrivenStructure) -> Machine:
+    """The machine of an oscillator, which keeps it."""
+    return Machine(oscillator)

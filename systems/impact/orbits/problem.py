@@ -35,7 +35,13 @@ from dynkit.systems.impact.orbits.itineraries.several_modes import divided, pass
 from dynkit.systems.impact.orbits.itineraries.several_modes.linear import LinearSolution
 from dynkit.systems.impact.orbits.itineraries.several_modes.shooting import ShootingSolution
 from dynkit.systems.impact.orbits.itineraries.several_modes.taylor import TaylorSolution
-from dynkit.systems.impact.orbits.machine import Changes, Machine, Regimes, difference
+from dynkit.systems.impact.orbits.machine import (
+    Changes,
+    Machine,
+    Regimes,
+    difference,
+    machine_of,
+)
 from dynkit.systems.impact.simulation.parameters import changes_alone
 from dynkit.systems.impact.simulation.state import TWO_PI
 
@@ -286,7 +292,7 @@ class ImpactProblem(PeriodicProblem, WatchedProblem):
             own = system, windows_of(system), Terms.of(system), self._measures
             return responses.Scene(*own, partial(self.system, p))
         known = self._known[0][1].machine if self._known else None
-        machine, parts = known.like(system) if known else Machine(system), system._parts
+        machine, parts = known.like(system) if known else machine_of(system), system._parts
         if parts.falls and system._motion is None:
             for mode in {event.mode for event in self.itinerary}:
                 parts.check_slopes(machine.dashpots(mode))
@@ -304,8 +310,13 @@ class ImpactProblem(PeriodicProblem, WatchedProblem):
     @cached_property
     def plain(self) -> bool:
         """Whether the free parameters are in closed form, and change nothing but themselves."""
+        return all(self._alone)
+
+    @cached_property
+    def _alone(self) -> list[bool]:
+        """Which of the free parameters are in closed form, and change nothing but themselves."""
         own = self.oscillator
-        return not own.elements and all(changes_alone(own, name) for name in self._names)
+        return [not own.elements and changes_alone(own, name) for name in self._names]
 
     @final
     def at(self, x: Array, p: Array) -> Any:
@@ -378,7 +389,7 @@ class ImpactProblem(PeriodicProblem, WatchedProblem):
     def _guard_units(self) -> Array:
         m, units, (length, speed) = self._measures.copy(), [], self.sizes
         m[-3:] = 0.0
-        machine = Machine(self.oscillator)
+        machine = machine_of(self.oscillator)
         for event, pair in zip(self.itinerary, self.pairs, strict=True):
             row = np.zeros_like(m)
             if event.element >= 0:
@@ -421,7 +432,7 @@ class ImpactProblem(PeriodicProblem, WatchedProblem):
     def _by(self, x: Array, p: Array, k: int) -> Array:
         """Derivative (m,) of the equations by the free parameter number `k`."""
         s = self.at(x, p)
-        change = self._changes.by(p, k)
+        change = self._changes.by(p, k, self._alone[k])
         found = None if change is None else s.change(change)
         return self._numerically(x, p, k, s) if found is None else found / self.units_of_equations
 

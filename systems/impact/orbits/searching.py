@@ -20,7 +20,7 @@ from dynkit.orbits.newton import NoConvergence, NoSolution
 from dynkit.orbits.search import OrbitSearch
 from dynkit.systems.impact.orbits.finding import Found
 from dynkit.systems.impact.orbits.itineraries.equations import APART, ItineraryEquations
-from dynkit.systems.impact.orbits.itineraries.finding import guess_of
+from dynkit.systems.impact.orbits.itineraries.finding import anchored, guess_of
 from dynkit.systems.impact.orbits.itineraries.guesses import (
     STARTS,
     ascend,
@@ -42,8 +42,11 @@ if TYPE_CHECKING:
     from dynkit.systems.impact.impact_map import ImpactMap
     from dynkit.systems.impact.records.record import ImpactRecord
 
-Guessed = Callable[["ImpactRecord", int, int, int], "tuple[ItineraryEquations, Array] | None"]
-"""What makes equations and unknowns of a record, a place in it, and the impacts and periods."""
+Guess = tuple[ItineraryEquations, Array, Array | None]
+"""Equations, unknowns, and states before all events for `anchored`."""
+
+Guessed = Callable[["ImpactRecord", int, Array, int, int], Guess | None]
+"""What makes a guess of a record, a place in it, the state there, and impacts and periods."""
 
 GUESSED = 3
 """Orbits of at most so many impacts are sought from random phases, too."""
@@ -138,9 +141,8 @@ def _add_motion(
         seen = simulated(oscillator, start, near.period)
         hits = [event for event in seen.events if event.kicked]
         if hits and not any(event.chatters for event in hits):
-            problem, guess = guess_of(oscillator, start, seen, near.periods, near.period, sizes)
-            if not found.holds(problem, guess, APART):
-                found.add(problem, guess)
+            guess = guess_of(oscillator, start, seen, near.periods, near.period, sizes)
+            _add_new(found, guess, APART)
 
 
 def _sizes(parts: list[ImpactRecord]) -> list[float]:
@@ -162,7 +164,8 @@ def _add_returns(
         return 0
     times = record.time * (system.frequency / TWO_PI)
     after = np.rint(times[n:] - times[:-n]).astype(np.intp)
-    own = system.without_shift(record.states)
+    section = record.states
+    own = system.without_shift(section)
     parts = [
         own[:, kind] / (abs(own[:, kind]).max(initial=0.0) or 1.0) for kind in system._measured
     ]
@@ -179,27 +182,33 @@ def _add_returns(
         if m > periods or tried[m] == _RETURNS or distance > best:
             continue
         try:
-            near = guessed(record, place, n, m)
+            near = guessed(record, place, section[place], n, m)
         except NoSolution:
             continue
-        if near is not None and not found.holds(*near, distance):
-            tried[m] += 1
-            found.add(*near)
+        if near is not None:
+            tried[m] += _add_new(found, near, distance)
     return tried.total()
 
 
+def _add_new(found: Found, guess: Guess, within: float) -> bool:
+    """Try a guess that is not so near an orbit that was found; whether it was tried."""
+    problem, x, states = guess
+    new = not found.holds(problem, x, within)
+    if new:
+        found.add(*anchored(problem, x, states))
+    return new
+
+
 def _near(
-    record: ImpactRecord, place: int, impacts: int, periods: int
-) -> tuple[ItineraryEquations, Array] | None:
-    """Return equations and unknowns of P(n,m) for some impacts; None where they take longer."""
+    record: ImpactRecord, place: int, state: Array, impacts: int, periods: int
+) -> Guess | None:
+    """Return a guess of P(n,m) for some impacts; None where they take longer."""
     part = slice(place, place + impacts)
-    phases = record.phase[place] + record.system.frequency * (
-        record.time[part] - record.time[place]
-    )
+    phases = state[-1] + record.system.frequency * (record.time[part] - record.time[place])
     if not ascend(phases, periods):
         return None
     problem = make_problem(record.system, periods, record._run.element[part])
-    return problem, with_impulses(problem, phases)
+    return problem, with_impulses(problem, phases), None
 
 
 def _add_quiet(found: Found, record: ImpactRecord, sizes: list[float] | None) -> None:
@@ -207,15 +216,20 @@ def _add_quiet(found: Found, record: ImpactRecord, sizes: list[float] | None) ->
     system, length = record.system, TWO_PI / record.system.frequency
     with suppress(NoMotion, NoConvergence, NoSolution, NotImplementedError):
         seen = of_period(simulated(system, record.final, _SETTLED * length), _LATE * length, length)
-        problem, guess = guess_of(system, record.final, seen, 1, length, sizes)
-        if not (problem.course.hits or found.holds(problem, guess, APART)):
-            found.add(problem, guess)
+        guess = guess_of(system, record.final, seen, 1, length, sizes)
+        if not guess[0].course.hits:
+            _add_new(found, guess, APART)
 
 
 def _near_return(
-    record: ImpactRecord, place: int, impacts: int, periods: int, sizes: list[float] | None
-) -> tuple[ItineraryEquations, Array] | None:
-    """Equations and unknowns of P(n,m) for some impacts; None where the motion sticks.
+    record: ImpactRecord,
+    _: int,
+    state: Array,
+    impacts: int,
+    periods: int,
+    sizes: list[float] | None,
+) -> Guess | None:
+    """Return a guess of P(n,m) for some impacts; None where the motion sticks.
 
     Sizes are those of positions and velocities: see `guess_of`.
 
@@ -226,7 +240,7 @@ def _near_return(
     """
     system: Any = record.system
     try:
-        start = system.without_shift(record.states[place])
+        start = system.without_shift(state)
         run = system._run(system.impact_state(start), impacts, store=True)
         seen = events_seen(system, run)
         if any(event.chatters for event in seen.events) or run.impacts != impacts:

@@ -2,13 +2,21 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from fractions import Fraction
 from typing import TYPE_CHECKING
 
 from dynkit.core.validation import SCALARS, positive_integer, within_memory
 from dynkit.systems.impact.oscillators.oscillator import ImpactOscillator
-from dynkit.systems.structure.chain import chain_kinetic, chain_links, element_values
+from dynkit.systems.structure.chain import (
+    chain_kinetic,
+    chain_links,
+    chain_matrices,
+    element_values,
+)
+from dynkit.systems.structure.symmetric import SymmetricMatrix
 
 if TYPE_CHECKING:
     import sympy
@@ -75,17 +83,30 @@ class ImpactChain(ImpactOscillator):
         return self.masses if isinstance(self.masses, int) else len(self.masses)
 
     def kinetic(self, v: tuple[sympy.Symbol, ...]) -> sympy.Expr:
-        n = len(v)
-        return chain_kinetic((1.0,) * n if isinstance(self.masses, int) else self.masses, v)
+        return chain_kinetic(self._masses, v)
 
     def potential(self, x: tuple[sympy.Symbol, ...]) -> sympy.Expr:
         return chain_links(self._springs, x)
 
     def dissipation(self, v: tuple[sympy.Symbol, ...]) -> sympy.Expr:
+        return chain_links(self._dashpots, v)
+
+    def _matrices(self) -> tuple[SymmetricMatrix, SymmetricMatrix, SymmetricMatrix]:
+        if self._has_energies_of(ImpactChain):
+            with suppress(OverflowError):  # an energy tells which element it is
+                return chain_matrices(self._masses, self._springs, self._dashpots)
+        return super()._matrices()
+
+    @property
+    def _masses(self) -> tuple[float, ...]:
+        return (1.0,) * self.masses if isinstance(self.masses, int) else self.masses
+
+    @property
+    def _dashpots(self) -> Sequence[float | Fraction]:
         if isinstance(self.damping, tuple):
-            return chain_links(self.damping, v)
+            return self.damping
         # Exact products: the damping stays exactly proportional to the stiffness.
-        return chain_links([Fraction(self.damping) * Fraction(k) for k in self._springs], v)
+        return [Fraction(self.damping) * Fraction(k) for k in self._springs]
 
     @property
     def _springs(self) -> tuple[float, ...]:

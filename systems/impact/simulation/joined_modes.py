@@ -78,6 +78,7 @@ class JoinedModes(ABC):
     def _forget(self) -> None:
         """Begin without modes."""
         self._lock = RLock()
+        vars(self).pop("_kept", None)
         self.modes: list[Any] = []
         self.regimes: list[tuple[int, ...]] = []
         self.guards: list[Guard] = []

@@ -255,10 +255,10 @@ class ItineraryEquations(ImpactProblem):
     @property
     def parts(self) -> int:
         """Number of parts of the orbit that may come again: from node to node, or events."""
-        return len(self.nodes) if self._of_nodes else len(self.itinerary)
+        return len(self.nodes) if self.of_nodes else len(self.itinerary)
 
     @property
-    def _of_nodes(self) -> bool:
+    def of_nodes(self) -> bool:
         """Whether it comes again by its nodes: releases, or periods in which nothing happens."""
         return self.sticks or self.itinerary[0].element < 0
 
@@ -270,7 +270,7 @@ class ItineraryEquations(ImpactProblem):
     def _marked(self, x: Array) -> tuple[Array, Array]:
         """Phases (count,) of the items of the itinerary, and other marks of theirs (count, j)."""
         phases, impulses, states = self.layout.split(x)
-        if self._of_nodes:
+        if self.of_nodes:
             return phases[list(self.nodes)], (states / self._state_units).reshape(self.parts, -1)
         pushed = np.zeros((self.layout.events, 1))
         pushed[self.course.hits, 0] = impulses
@@ -280,7 +280,7 @@ class ItineraryEquations(ImpactProblem):
 
     def _shorter(self, k: int, periods: int) -> Self:
         """The equations of the first `k` items of the itinerary."""
-        nodes, end = (self.nodes[:k], self._end(k)) if self._of_nodes else ((0,), k)
+        nodes, end = (self.nodes[:k], self._end(k)) if self.of_nodes else ((0,), k)
         return self.remade(periods=periods, itinerary=self.itinerary[:end], nodes=nodes)
 
     def _end(self, k: int) -> int:
@@ -290,7 +290,7 @@ class ItineraryEquations(ImpactProblem):
     def _part(self, x: Array, k: int) -> Array:
         """Unknowns of the first `k` items of the itinerary."""
         phases, impulses, states = self.layout.split(x)
-        end, nodes = self._end(k), k if self._of_nodes else 1
+        end, nodes = self._end(k), k if self.of_nodes else 1
         some = sum(event.kicked is not None for event in self.itinerary[:end])
         return np.concatenate([phases[:end], impulses[:some], states[: nodes * self.dimension]])
 
@@ -348,7 +348,7 @@ class ItineraryEquations(ImpactProblem):
     def canonical(self, x: Array) -> Array:
         """Return numbers, (l,), of order one that are equal for equivalent solutions."""
         phases, pushed = self._marked(x)
-        if self._of_nodes:  # means over the nodes, which do not depend on which is the first
+        if self.of_nodes:  # means over the nodes, which do not depend on which is the first
             states = self.layout.split(x)[2].reshape(self.parts, -1)
             n = self.oscillator.degrees_of_freedom
             sizes = np.array([abs(states[:, :n]).max(), abs(states[:, n : 2 * n]).max()])

@@ -26,7 +26,7 @@ from dynkit.systems.impact.orbits.itineraries.itinerary import (
 from dynkit.systems.impact.orbits.itineraries.motion import AT_ONCE
 from dynkit.systems.impact.orbits.itineraries.parting import commute
 from dynkit.systems.impact.orbits.itineraries.simulated import run_for, simulated
-from dynkit.systems.impact.orbits.machine import Machine
+from dynkit.systems.impact.orbits.machine import machine_of
 from dynkit.systems.impact.orbits.orbit import NONE, ImpactOrbit
 from dynkit.systems.impact.simulation.sampling import sample_run, sample_sliders
 from dynkit.systems.impact.simulation.state import TWO_PI, ImpactState, without_shift
@@ -93,7 +93,7 @@ def orbit_near(system: ImpactMap, state: ImpactState, periods: int) -> ImpactOrb
         run = system._run(state, _CYCLE, store=True, most_switches=_CYCLE)
         seen, length = of_cycle(events_seen(system, run), run, system._progression.removed)
         periods = 1
-    problem, guess = guess_of(system, state, seen, periods, length)
+    problem, guess = anchored(*guess_of(system, state, seen, periods, length))
     x, history = _solved(problem, guess)
     cost = Cost(time.perf_counter() - began, {"steps": len(history) - 1})
     problem, x = problem.shortest(x)
@@ -131,10 +131,11 @@ def guess_of(
     periods: int,
     length: float,
     sizes: list[float] | None = None,
-) -> tuple[ItineraryEquations, Array]:
-    """Equations with the itinerary of a motion, from a state on, and its unknowns.
+) -> tuple[ItineraryEquations, Array, Array]:
+    """Equations with the itinerary of a motion, from a state on, its unknowns, and its states.
 
-    Sizes are those of positions and velocities, by default the largest of the motion.
+    The states (n, 2N + J) are those before all events, for `anchored`. Sizes are those of positions
+    and velocities, by default the largest of the motion.
 
     Raises
     ------
@@ -169,10 +170,16 @@ def guess_of(
     problem = ItineraryEquations(system, (), periods, seen.events, sizes, driven, nodes)
     states = along.removed(seen.states)
     own = [] if problem.responds else [states[node] for node in nodes]
-    guess = np.concatenate([phases, _impulses(system, seen, phases), *own])
-    if problem.responds or quiet or course.sticks or not _grows(problem, guess):
+    return problem, np.concatenate([phases, _impulses(system, seen, phases), *own]), states
+
+
+def anchored(
+    problem: ItineraryEquations, guess: Array, states: Array | None
+) -> tuple[ItineraryEquations, Array]:
+    """Equations and unknowns, with given states before all events where these grow: `_grows`."""
+    if states is None or problem.responds or problem.of_nodes or not _grows(problem, guess):
         return problem, guess
-    known, every = guess[: -problem.dimension], tuple(range(len(seen.events)))
+    known, every = guess[: -problem.dimension], tuple(range(len(states)))
     return problem.remade(nodes=every), np.concatenate([known, *states])
 
 
@@ -211,7 +218,7 @@ def sizes_of(
 
 def _impulses(system: ImpactMap, seen: Seen, phases: Array) -> Array:
     """Those that the law gives."""
-    machine, found = Machine(system), []
+    machine, found = machine_of(system), []
     for event, state, phase in zip(seen.events, seen.states, phases, strict=True):
         if event.kicked:
             z = np.concatenate([state, [np.sin(phase), np.cos(phase), 1.0]])

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
+from dynkit.core.kept import kept
 from dynkit.core.validation import Array
 from dynkit.orbits.newton import NoConvergence
 from dynkit.systems.impact.elements.element import HALT, JUMP, EventKind
@@ -18,7 +19,7 @@ from dynkit.systems.impact.elements.laws import ImpactLaw
 from dynkit.systems.impact.elements.stops import HardStop
 from dynkit.systems.impact.orbits.itineraries.flying import Flights, flights_of, number_of, same
 from dynkit.systems.impact.orbits.itineraries.happening import Happening, Itinerary
-from dynkit.systems.impact.orbits.machine import Machine, Regimes
+from dynkit.systems.impact.orbits.machine import Machine, Regimes, machine_of
 from dynkit.systems.impact.records.event_counts import element_names
 from dynkit.systems.impact.simulation.joined_modes import cycled_by, halts
 from dynkit.systems.impact.simulation.state import turning, whole_states
@@ -116,15 +117,19 @@ def has_law(oscillator: ImpactMap) -> bool:
 
 def regimes_of(oscillator: ImpactMap, numbers: Sequence[int]) -> Regimes:
     """A mode of an oscillator: what holds in it, and what is watched."""
-    automaton = oscillator._automaton
-    mode, parts = automaton.mode(tuple(numbers)), automaton.parts
+    return _regimes(oscillator._automaton, tuple(numbers))
+
+
+@kept
+def _regimes(automaton: Any, numbers: tuple[int, ...]) -> Regimes:
+    mode, parts = automaton.mode(numbers), automaton.parts
     now, watched = parts.now(numbers), []
     for guard in automaton.guards:
         k = guard.element
         rests = now[k].halts and numbers[k] == 0
         if automaton.modes[guard.mode] is mode and guard.watch.event != JUMP and not rests:
             watched.append((k, number_of(now[k].guards, guard.watch)))
-    return Regimes(tuple(numbers), tuple(sorted(sum(parts.grips(numbers), ()))), tuple(watched))
+    return Regimes(numbers, tuple(sorted(sum(parts.grips(numbers), ()))), tuple(watched))
 
 
 def events_seen(
@@ -141,7 +146,11 @@ def events_seen(
     Impacts of a chatter before contact are left out but for the first ones, between which the
     motion is not smooth: see `Happening.chatters`. Where all are to be named, contact is an event.
     """
-    automaton, parts, machine = oscillator._automaton, run.segments, machine or Machine(oscillator)
+    automaton, parts, machine = (
+        oscillator._automaton,
+        run.segments,
+        machine or machine_of(oscillator),
+    )
     soft = oscillator._elements[len(oscillator._stops) :]
     for mode in np.unique(parts.mode).tolist():
         own = automaton.parts.now(run.regimes[mode])[len(oscillator._stops) :]

@@ -14,7 +14,7 @@ from dynkit.systems.impact.orbits.itineraries.itinerary import (
     from_release,
 )
 from dynkit.systems.impact.orbits.itineraries.motions import simulated_motions
-from dynkit.systems.impact.orbits.machine import Machine
+from dynkit.systems.impact.orbits.machine import Machine, machine_of
 from dynkit.systems.impact.simulation.starts import own_start
 from dynkit.systems.impact.simulation.state import (
     TWO_PI,
@@ -92,7 +92,7 @@ def released(system: ImpactMap, state: ImpactState, periods: int, most: int) -> 
         part = from_release(seen, k, begin + length, 0.25 * turn)
         if part is not None and any(event.kicked for event in part.events):
             sizes = sizes_of(system, run, part, begin, length)
-            yield guess_of(system, state, part, periods, length, sizes)
+            yield guess_of(system, state, part, periods, length, sizes)[:2]
 
 
 def _starts(oscillator: ImpactMap) -> Iterator[ImpactState]:
@@ -105,7 +105,7 @@ def _starts(oscillator: ImpactMap) -> Iterator[ImpactState]:
         yield from (record.final for record in motions if len(record.sticking))
         return
     turns = turning(np.linspace(0.0, TWO_PI, 720, endpoint=False))
-    random, m = np.random.default_rng(0), Machine(oscillator)
+    random, m = np.random.default_rng(0), machine_of(oscillator)
     for side in range(len(oscillator._stops)):
         closed, others = m.closed(side), oscillator._others[side]
         places, motion = np.append(others, m.size + others), turns @ _steady(m, side).T
