@@ -240,7 +240,8 @@ def test_the_brusselator_has_its_hopf_point(a: float) -> None:
 def test_a_double_hopf_point_says_why_no_orbit_is_found() -> None:
     branch = continue_orbit(equilibrium(RepelledRing(), [0.0] * 6), "p", bounds=(-0.5, -0.1))
     (hopf,) = branch.bifurcations
-    assert (hopf.kind, hopf.value) == ("HB", pytest.approx(-0.3, abs=1e-12))
+    assert hopf.kind == "HB"
+    assert hopf.value == pytest.approx(-0.3, abs=1e-12)
     with pytest.raises(NoConvergence, match="the critical pair is double, as by a symmetry"):
         hopf.switch()
 
