@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
-from itertools import pairwise
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -29,20 +29,21 @@ _ITERATIONS = 60
 
 @dataclass(slots=True)
 class Look:
-    """The section as seen from the motion; its value counts positive beyond it."""
+    """The section as seen from the motion; its value counts positive beyond it.
+
+    The coordinates have had some `sizes`, (d,), until then: what is zero at the section has the
+    rounding of the way there. The value's `reach` is how large it may become with them, and
+    `rounding` is that of its terms.
+    """
 
     time: float
     state: Array
     value: float
     rate: float
-    gradient: Array
+    sizes: Array
+    reach: float
+    rounding: float
     turns: bool = False
-
-    @property
-    def reach(self) -> float:
-        """How large the value's terms are: its rounding is relative to it."""
-        steepness = float(np.linalg.norm(self.gradient))
-        return steepness * (1.0 + float(np.linalg.norm(self.state)))
 
     @property
     def near(self) -> bool:
@@ -87,12 +88,14 @@ def checked_search(
 class Search:
     """The search for the first crossing of a section by the motion that a velocity makes.
 
-    Its `steps` go from a start, (d,), on for a duration.
+    Its `steps` go from a start, (d,), on for a duration. They are as exact as for states of at
+    least some size.
     """
 
     velocity: Velocity
     section: PoincareSection
     steps: Callable[[Array, float], Iterable[Step]]
+    least: float = 0.0
 
     def first(self, start: Array, time_limit: float) -> Crossing:
         """Return the first crossing after the start, (d,).
@@ -105,7 +108,7 @@ class Search:
         NoCrossing
             When there is none within the time limit, or as far as the motion can be followed.
         """
-        last = self._look(0.0, start)
+        last = self._look(0.0, start, abs(start))
         armed, away, grazes = last.behind, not last.near, False
         try:
             for step in self.steps(start, time_limit):
@@ -127,23 +130,30 @@ class Search:
             why = ": the motion grazes the section and turns back"
         raise NoCrossing(f"no crossing within {time_limit}{why}")
 
-    def _look(self, time: float, state: Array) -> Look:
+    def _look(self, time: float, state: Array, sizes: Array) -> Look:
+        """Look at a motion whose coordinates have had some sizes, (d,), before."""
         sign, gradient = self.section.direction, self.section.gradient(state)
-        rate = float(gradient @ self.velocity(state))
-        return Look(time, state, sign * self.section.value(state), sign * rate, gradient)
+        own = np.maximum(sizes, abs(state))
+        value, rate = self.section.value(state), float(gradient @ self.velocity(state))
+        reach = float(np.linalg.norm(gradient)) * (self.least + float(np.linalg.norm(own)))
+        rounding = 2.0**-53 * float(abs(gradient) @ own)
+        return Look(time, state, sign * value, sign * rate, own, reach, rounding)
 
     def _looks(self, step: Step, begin: Look) -> Iterator[Look]:
         """Looks at the ends of a step's cells, and at the extremum in each where it may matter."""
         if step.avoids(self.section, begin.value):
-            yield self._look(step.time, step.state)
+            yield self._look(step.time, step.state, begin.sizes)
             return
         cell = (step.time - begin.time) / _CELLS
         times = [begin.time + i * cell for i in range(1, _CELLS)]
-        inner = map(self._look, times, step.paths(times))
-        for before, after in pairwise([begin, *inner, self._look(step.time, step.state)]):
+        before = begin
+        states = [*step.paths(times), step.state]
+        for time, state in zip([*times, step.time], states, strict=True):
+            after = self._look(time, state, before.sizes)
             if before.turns_before(after):
                 yield self._extremum(step, before, after)
             yield after
+            before = after
 
     def _extremum(self, step: Step, before: Look, after: Look) -> Look:
         from scipy.optimize import brentq
@@ -151,12 +161,12 @@ class Search:
         # by table at the ends, where rounding might change a sign
         rates = {before.time: before.rate, after.time: after.rate}
         time = brentq(
-            lambda t: rates[t] if t in rates else self._look(t, step.path(t)).rate,
+            lambda t: rates[t] if t in rates else self._look(t, step.path(t), before.sizes).rate,
             before.time,
             after.time,
             xtol=1e-9 * (after.time - before.time),
         )
-        look = self._look(time, step.path(time))
+        look = self._look(time, step.path(time), before.sizes)
         look.turns = True
         return look
 
@@ -168,28 +178,33 @@ class Search:
         """
         # times since the step began: they resolve more than times since the start
         low, high = before.time - step.begin, after.time - step.begin
-        guess = self._root(lambda t: step.path(step.begin + t), 0.5 * (low + high), low, high)
-        hit = self._root(step.cut_short, guess.time, low, high)
-        # at the section a coordinate is zero whose rounding is that of the way there
-        reach = max(before.reach, hit.reach, after.reach)
-        if hit.value < -ON_SECTION * reach:
+        middle = 0.5 * (low + high)
+        guess = self._root(lambda t: step.path(step.begin + t), middle, low, high, before.sizes)
+        hit = self._root(step.cut_short, guess.time, low, high, before.sizes)
+        if hit.behind:
             return None
         time, state = step.begin + hit.time, hit.state
-        if abs(hit.value) > ON_SECTION * hit.reach and hit.rate > 0.0:
+        late = hit.value / hit.rate if hit.rate > 0.0 else math.inf
+        if abs(late) <= 2.0**-48 * high:
             # times are too coarse to end on the section
-            state = state - hit.value / hit.rate * self.velocity(state)
+            time, state = time - late, state - late * self.velocity(state)
         return Crossing(time, state)
 
     def _root(
-        self, state_at: Callable[[float], Array], time: float, low: float, high: float
+        self,
+        state_at: Callable[[float], Array],
+        time: float,
+        low: float,
+        high: float,
+        sizes: Array,
     ) -> Look:
         """Return the look whose value is nearest to zero: Newton's method, kept in a bracket."""
-        best = self._look(time, state_at(time))
+        best = self._look(time, state_at(time), sizes)
         here = best
         for _ in range(_ITERATIONS):
             if abs(here.value) < abs(best.value):
                 best = here
-            if abs(best.value) <= 2.0**-53 * best.reach:
+            if abs(best.value) <= best.rounding:
                 break
             low, high = (here.time, high) if here.value < 0.0 else (low, here.time)
             time = here.time - here.value / here.rate if here.rate > 0.0 else low
@@ -197,5 +212,5 @@ class Search:
                 time = 0.5 * (low + high)
             if time in (low, high):
                 break
-            here = self._look(time, state_at(time))
+            here = self._look(time, state_at(time), sizes)
         return best

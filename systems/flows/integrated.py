@@ -254,7 +254,8 @@ class IntegratedFlow(Flow):
         start, limit = checked_search(self, state, section, time_limit)
         how: dict[str, Any] = {"method": self.method, "jacobian": self.velocity_jacobian}
         follow = partial(integrated_steps, self._velocity, self.tolerance, **how)
-        return Search(self._velocity, section, follow).first(start, limit)
+        # the tolerance is relative to coordinates above one, and absolute below
+        return Search(self._velocity, section, follow, least=1.0).first(start, limit)
 
     def _integrated(
         self, velocity: Velocity, start: Array, duration: float, tolerance: float

@@ -90,7 +90,7 @@ class Taylor:
     def advance(self, parameters: Array, state: Array, duration: float) -> Array:
         """Return the state, (d,), after a duration."""
         with self._lock:
-            integrator = self._at(None, parameters, state, _size(state))
+            integrator = self._at(None, parameters, state, self._size(parameters, state))
             self._run(integrator, state, duration)
             return np.array(integrator.state[: self._dimension])
 
@@ -101,7 +101,7 @@ class Taylor:
         d, identity = self._dimension, np.eye(self._dimension).ravel()
         derivatives = np.empty((count, d, d))
         with self._lock:
-            integrator = self._at(-1, parameters, state, _size(state))
+            integrator = self._at(-1, parameters, state, self._size(parameters, state))
             now = integrator.state
             for derivative in derivatives:
                 integrator.time = 0.0
@@ -115,7 +115,7 @@ class Taylor:
         if place not in self._occurring:
             return np.zeros(self._dimension)
         with self._lock:
-            integrator = self._at(place, parameters, state, _size(state))
+            integrator = self._at(place, parameters, state, self._size(parameters, state))
             integrator.state[self._dimension :] = 0.0
             self._run(integrator, state, duration)
             return np.array(integrator.state[self._dimension :])
@@ -128,7 +128,7 @@ class Taylor:
         CannotFollow, Diverged
             As `advance`.
         """
-        here, time, size = state, 0.0, _size(state)
+        here, time, size = state, 0.0, self._size(parameters, state)
         for count in range(_MOST):
             left = duration - time
             with self._lock:
@@ -144,6 +144,14 @@ class Taylor:
             yield TaylorStep(begin, time, end, coefficients)
             if last:
                 return
+
+    def _size(self, parameters: Array, state: Array) -> float:
+        """Largest coordinate of a start; of one at zero, that a step later."""
+        if state.any():
+            return float(abs(state).max())
+        integrator = self._at(None, parameters, state, 0.0)
+        integrator.step()
+        return float(abs(integrator.state).max())
 
     def _at(self, kind: int | None, parameters: Array, state: Array, size: float) -> Any:
         """The integrator of states (None), of derivatives by states (-1) or by a parameter.
@@ -282,10 +290,6 @@ def digits_of(size: float) -> int:
     if not 0.0 < size < 2.0**-5:
         return 0
     return _BITS * min(math.ceil((-math.log2(size) - 5.0) / _BITS), _MOST_CLASSES)
-
-
-def _size(state: Array) -> float:
-    return float(abs(state).max())
 
 
 def _lost(state: Sequence[float] | Array, duration: float, time: float, why: str) -> str:

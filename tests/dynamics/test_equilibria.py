@@ -33,12 +33,27 @@ from dynkit.data.codec import decoded, encoded
 from dynkit.dynamics.equilibrium import Equilibrium
 from dynkit.dynamics.flow import Crossing
 from dynkit.orbits.spectrum import Spectrum
-from dynkit.systems import Duffing, IntegratedFlow, Logistic, Lorenz
+from dynkit.systems import Duffing, IntegratedFlow, Logistic, Lorenz, SymbolicFlow
 
 SIGMA, BETA = 10.0, 8.0 / 3.0
 HOPF = SIGMA * (SIGMA + BETA + 3.0) / (SIGMA - BETA - 1.0)
 """C. Sparrow, The Lorenz Equations, Springer 1982, section 1.2: 24.7368..., where the fixed points
 beside the origin lose stability."""
+
+
+class RepelledRing(SymbolicFlow):
+    """Three oscillators r' = p r - r^3, angle' = 1, that repel each other: a double HB."""
+
+    p: float = -0.4
+
+    def velocity(self, x: Any, y: Any, u: Any, v: Any, r: Any, s: Any) -> Any:
+        masses = (x, y), (u, v), (r, s)
+        found: list[Any] = []
+        for a, b in masses:
+            growth = self.p - a**2 - b**2
+            found.append(growth * a - b - 0.1 * (x + u + r - 3 * a))
+            found.append(a + growth * b - 0.1 * (y + v + s - 3 * b))
+        return tuple(found)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -220,6 +235,15 @@ def test_the_brusselator_has_its_hopf_point(a: float) -> None:
     assert hopf.kind == "HB"
     assert abs(hopf.value - (1.0 + a * a)) <= hopf.error < 1e-10
     assert abs(hopf.own[0] - a) <= hopf.own_error[0]
+
+
+def test_a_double_hopf_point_says_why_no_orbit_is_found() -> None:
+    branch = continue_orbit(equilibrium(RepelledRing(), [0.0] * 6), "p", bounds=(-0.5, -0.1))
+    (hopf,) = branch.bifurcations
+    assert hopf.kind == "HB"
+    assert hopf.value == pytest.approx(-0.3, abs=1e-12)
+    with pytest.raises(NoConvergence, match="the critical pair is double, as by a symmetry"):
+        hopf.switch()
 
 
 def test_without_derivatives_the_error_is_larger_and_holds() -> None:

@@ -9,7 +9,9 @@ from typing import Any
 
 import numpy as np
 import pytest
+import sympy as sp
 from flint import arb, ctx
+from mpmath import mp
 
 from dynkit import (
     Branch,
@@ -124,21 +126,63 @@ def test_a_wheel_that_is_too_slow_stops() -> None:
         steps(Wheel(slope=0.01))([-0.25, 0.05])
 
 
+class Falling(SymbolicHybridFlow):
+    """A ball that falls with acceleration 1 onto a floor."""
+
+    floor: float = 0.0
+
+    def velocity(self, height: Any, speed: Any) -> Any:
+        return speed, -1
+
+    def guard(self, height: Any, speed: Any) -> Any:
+        return height - self.floor
+
+    def reset(self, height: Any, speed: Any) -> Any:
+        return self.floor, -speed / 2
+
+
+@pytest.mark.parametrize("speed", [0.5, 1e-3, 1e-5, 1e-6, 1e-7, 1e-9])
+def test_low_jumps_keep_their_digits(speed: float) -> None:
+    bounces = steps(Falling())
+    assert bounces.return_time(np.array([0.0, speed])) == pytest.approx(2.0 * speed, rel=1e-14)
+    after = bounces([0.0, speed])
+    assert after == pytest.approx([0.0, speed / 2], rel=1e-14, abs=0.0)
+
+
 def test_jumps_too_low_for_rounding_are_named() -> None:
-    class Ball(SymbolicHybridFlow):
-        def velocity(self, height: Any, speed: Any) -> Any:
-            return speed, -1
-
-        def guard(self, height: Any, speed: Any) -> Any:
-            return height
-
-        def reset(self, height: Any, speed: Any) -> Any:
-            return 0, -speed / 2
-
-    bounces = steps(Ball())
-    assert bounces([0.0, 0.5]) == pytest.approx([0.0, 0.25], abs=1e-15)
+    # heights at 1 resolve 1e-16, and the jump is of 5e-19
     with pytest.raises(NoCrossing, match="the motion was never clearly before the section"):
-        bounces([0.0, 1e-9])
+        steps(Falling(floor=1.0))([1.0, 1e-9])
+
+
+class Dribble(SymbolicHybridFlow):
+    """A ball on a vibrating table: height, speed and the phase of the table."""
+
+    def velocity(self, height: Any, speed: Any, phase: Any) -> Any:
+        return speed, -1, 1
+
+    def guard(self, height: Any, speed: Any, phase: Any) -> Any:
+        return height - sp.sin(phase) / 10
+
+    def reset(self, height: Any, speed: Any, phase: Any) -> Any:
+        return height, -speed / 2 + 3 * sp.cos(phase) / 20, phase
+
+
+@pytest.mark.parametrize("speed", [1e-2, 1e-4, 1e-5])
+def test_errors_of_low_jumps_on_a_moving_table_hold(speed: float) -> None:
+    table = steps(Dribble())
+    for phase in np.linspace(0.0, 6.0, 12).tolist():
+        state = np.array([0.1 * np.sin(phase), speed + 0.1 * np.cos(phase), phase])
+        with mp.workdps(50):
+            y, v, p = (mp.mpf(x) for x in state.tolist())
+            falls = 1 - mp.sin(p) / 10
+            time = mp.findroot(
+                lambda t, y=y, v=v, p=p: y + v * t - t**2 / 2 - mp.sin(p + t) / 10,
+                2 * (v - mp.cos(p) / 10) / falls,
+            )
+            exact = float((time - v) / 2 + 3 * mp.cos(p + time) / 20)
+        (error,) = table.call_errors(state[None])
+        assert abs(table(state)[1] - exact) <= error
 
 
 def test_the_neuron_fires_as_in_closed_form() -> None:

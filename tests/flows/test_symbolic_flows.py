@@ -609,3 +609,20 @@ def test_motions_are_the_same_in_any_unit(unit: float) -> None:
     assert abs(found - known).max() < 1e-14
     known, found = (Hardening(unit=u).derivative(u * start, 20.0) for u in (1.0, unit))
     assert abs(found - known).max() < 1e-13
+
+
+class Loaded(SymbolicFlow):
+    """A mass on a spring under a constant load."""
+
+    load: float = 1.0
+
+    def velocity(self, x: Any, v: Any) -> Any:
+        return v, self.load - x
+
+
+@pytest.mark.parametrize("load", [1.0, 1e-6, 1e-18])
+def test_motions_from_zero_have_the_digits_of_what_they_become(load: float) -> None:
+    found = Loaded(load=load).advance(np.zeros(2), 3.0)
+    assert found == pytest.approx(
+        load * np.array([1.0 - np.cos(3.0), np.sin(3.0)]), rel=1e-13, abs=0.0
+    )

@@ -74,6 +74,7 @@ def test_elements_that_are_none_are_refused(elements: Any, message: str) -> None
         (HardStop, {"offset": nan}, "offset must"),
         (HardStop, {"side": "left"}, "side must be one of"),
         (HardStop, {"name": "my table"}, "name must be a name like"),
+        *((HardStop, {"name": name}, "name must be a name like") for name in (None, True, np.nan)),
         (SoftStop, {"stiffness": -1.0}, "stiffness must"),
         (SoftStop, {"stiffness": inf}, "stiffness must"),
         (SoftStop, {"stiffness": 0.0}, "stiffness must be positive where damping and preload are"),

@@ -23,6 +23,7 @@ import scipy.linalg
 import sympy
 
 from dynkit.core.validation import Array
+from dynkit.systems.impact.elements.stops import HardStop
 from dynkit.systems.impact.impact_map import ImpactMap
 from dynkit.systems.impact.orbits.orbit import ImpactOrbit
 from dynkit.systems.impact.oscillators.chain import ImpactChain
@@ -245,6 +246,20 @@ def test_parameter_derivatives_hold_at_the_ends_of_what_is_allowed(
     wanted = one_sided(lambda h: problem.residual(x, problem.values + h), step)
     found = problem.parameter_derivative(x, problem.values)[:, 0]
     assert abs(wanted - found).max() <= 1e-8 * max(1.0, abs(wanted).max())
+
+
+@pytest.mark.parametrize("side", ["above", "below"])
+def test_an_orbit_that_a_lagging_stop_drives_lags_and_grows_with_it(side: str) -> None:
+    # nothing else drives the machine: phases follow the lag, and impulses the amplitude
+    stop = HardStop(0, amplitude=0.1, phase=1.9, restitution=0.6, side=side, name="stop")
+    orbit = ImpactChain(masses=2, frequency=0.9, elements=[stop]).periodic_orbit()
+    problem, x = orbit.problem("stop.phase", "stop.amplitude"), orbit.unknowns
+    by_both = problem.parameter_derivative(x, problem.values)
+    moved = np.linalg.solve(problem.linearization(x, problem.values), -by_both)
+    impulses = orbit.impulses
+    still = np.zeros(len(impulses))
+    assert moved[:, 0] == pytest.approx(np.concatenate([still + 1.0, still]), abs=1e-12)
+    assert moved[:, 1] == pytest.approx(np.concatenate([still, impulses / 0.1]), abs=1e-12)
 
 
 def test_parameters_of_a_subclass_can_be_free() -> None:

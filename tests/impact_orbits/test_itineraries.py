@@ -222,7 +222,68 @@ def test_friction_begins_to_stick_where_it_could_hold_at_a_turning_point() -> No
     for bifurcation in found:
         assert bifurcation.value == pytest.approx(expected, rel=1e-11)
         (beyond,) = bifurcation.switch()
-        assert beyond.counts == {"friction.sticks": 1}
+        assert beyond.counts == {"friction.sticks": 2}  # it is symmetric as well
+        stuck = continue_orbit(beyond, "friction.force", bounds=(0.01, 0.9))
+        place = int(np.argmin(abs(stuck.parameter - 0.85)))
+        assert stuck.admissible[place]
+        found_there = stuck.orbit(place)
+        label = found_there.system.attractor(transient=300, impacts=30).label
+        assert label.counts == found_there.counts
+
+
+def between_cushions(frequency: float) -> MatrixOscillator:
+    cushions = [
+        SoftStop(0, offset=side * 3.0, side=name, stiffness=5.0)
+        for side, name in ((-1.0, "above"), (1.0, "below"))
+    ]
+    return MatrixOscillator(
+        M=[[1.0]],
+        C=[[0.1]],
+        K=[[1.0]],
+        frequency=frequency,
+        harmonic_forces=[1.0],
+        elements=cushions,
+    )
+
+
+@pytest.mark.parametrize(("frequency", "presses"), [(0.7, 1), (1.2, 0)])
+def test_both_halves_of_a_symmetric_orbit_change_at_a_grazing(
+    frequency: float, presses: int
+) -> None:
+    # the free amplitude is that of the cushions, 3
+    reaches = brentq(lambda w: math.hypot(1.0 - w * w, 0.1 * w) - 1.0 / 3.0, 0.5, 0.95, xtol=1e-15)
+    orbit = between_cushions(frequency).attractor().periodic_orbit()
+    assert set(orbit.counts.values()) == {1 - presses}
+    branch = continue_orbit(orbit, "frequency", bounds=(0.6, 1.3))
+    grazing = min(branch.bifurcations, key=lambda b: abs(b.value - reaches))
+    assert grazing.value == pytest.approx(reaches, rel=1e-12)
+    (beyond,) = grazing.switch()
+    assert set(beyond.counts.values()) == {presses}
+    other = continue_orbit(beyond, "frequency", bounds=(0.6, 1.3))
+    inside = other.parameter > reaches + 1e-6 if presses else other.parameter < reaches - 1e-6
+    inside &= other.parameter < 1.0
+    assert inside.sum() > 4
+    assert other.admissible[inside].all()
+
+
+def test_both_halves_of_a_symmetric_orbit_yield_more_often() -> None:
+    machine = MatrixOscillator(
+        M=[[1.3]],
+        C=[[0.2]],
+        K=[[1.28]],
+        frequency=0.266,
+        harmonic_forces=[1.3],
+        elements=[DryFriction(0, force=0.42, name="friction")],
+    )
+    orbit = machine.attractor(transient=200, impacts=40).periodic_orbit()
+    branch = continue_orbit(orbit, "friction.force", bounds=(0.25, 0.45))
+    borders = [b for b in branch.bifurcations if "adding-sliding" in b.touching]
+    assert len(borders) == 2  # one in each half
+    for border in borders:
+        (beyond,) = border.switch()
+        assert beyond.admissible
+        label = beyond.system.attractor(transient=200, impacts=30).label
+        assert beyond.counts == label.counts == {"friction.sticks": 4}
 
 
 # --- errors, multipliers, derivatives -------------------------------------------------------------

@@ -22,6 +22,8 @@ _DISTANCES = 10.0 ** np.arange(-2.0, -6.6, -0.5)
 # The distance from the tangent is quadratic in the distance along it, plus higher terms. Largest
 # deviation from the quadratic law, relative: the branch is then within a third of its parabola.
 _OFF = 0.25
+# Eigenvalues that agree so well are one eigenvalue, of a symmetry; relative to the modulus.
+_SAME = 1e-6
 # Largest distance of the critical multiplier from 1. It is 1 at the start of the new branch, and -1
 # at its period doubling: this is an eighth of the way.
 _FROM_ONE = 0.25
@@ -144,7 +146,16 @@ def born(place: Place) -> list[Any]:
         return []
     problem, at, direction = found
     error = np.append(np.full(len(at), abs(place.error[:m]).max()), place.error[-1])
-    return [_stepped(problem, np.append(at, y[-1:]), np.append(direction, 0.0), error)]
+    try:
+        return [_stepped(problem, np.append(at, y[-1:]), np.append(direction, 0.0), error)]
+    except NoConvergence as failure:
+        away = abs(place.problem.spectrum(y[:m], y[-1:]) - 1j * place.own[0])
+        if (away <= _SAME * abs(place.own[0])).sum() < 2:
+            raise
+        raise NoConvergence(
+            "the critical pair is double, as by a symmetry: several branches leave, none in the "
+            "direction that was tried"
+        ) from failure
 
 
 def neighbours(place: Place) -> list[Any]:

@@ -180,7 +180,7 @@ class Element(Extensible, ABC):
     def __post_init__(self) -> None:
         check_fields(self, offset=finite_scalar, amplitude=non_negative, phase=finite_scalar)
         one_of("side", self.side, ("above", "below"))
-        if self.name and not str(self.name).isidentifier():
+        if type(self.name) is not str or (self.name and not self.name.isidentifier()):
             raise ValueError(f"name must be a name like 'table'; got {self.name!r}")
         given = self.coordinate
         if isinstance(given, str):

@@ -19,6 +19,7 @@ from dynkit.systems.impact.orbits.borders import Border
 from dynkit.systems.impact.orbits.itineraries.borders import borders_of, named
 from dynkit.systems.impact.orbits.itineraries.happening import Happening
 from dynkit.systems.impact.orbits.itineraries.itinerary import counts_of, returns_of
+from dynkit.systems.impact.orbits.itineraries.meeting import beyond
 from dynkit.systems.impact.orbits.itineraries.motion import ItinerarySolution
 from dynkit.systems.impact.orbits.itineraries.one_mode import monodromy
 from dynkit.systems.impact.orbits.itineraries.one_mode.openness import flights_are_open
@@ -466,8 +467,7 @@ class ItineraryEquations(ImpactProblem):
         Where the gap touches, an impact without impulse is added; where an impulse vanishes it is
         left out. Both are solutions, to rounding.
         """
-        found = self.border(event, x, p).neighbour(x, p)
-        return [] if found is None else [(*found, p)]
+        return beyond(self, event, x, p)
 
     def admissible(self, x: Array, p: Array) -> bool:
         """Whether it is a motion: no impulse pulls, nothing watched is negative, nor missed."""

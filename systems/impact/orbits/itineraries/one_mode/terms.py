@@ -109,7 +109,7 @@ class Terms(NamedTuple):
         drives, rests, r = np.zeros(len(stops), complex), np.zeros(len(stops)), []
         for k, (stop, own) in enumerate(zip(stops, by.own, strict=True)):
             offset, amplitude, phase = own[:3].tolist()
-            moved = (amplitude + 1j * stop.amplitude * phase) * cmath.exp(1j * stop.phase)
+            moved = (amplitude - 1j * stop.amplitude * phase) * cmath.exp(-1j * stop.phase)
             drives[k], rests[k] = -stop.sign * moved, -stop.sign * offset
             if harmonic.any() or constant.any():
                 row = stop.sign * stop.row(n)
