@@ -5,7 +5,7 @@ from __future__ import annotations
 import time
 from collections.abc import Callable
 from functools import cached_property, partial
-from typing import TYPE_CHECKING, ClassVar, Self, final
+from typing import TYPE_CHECKING, Any, ClassVar, Self, final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -337,12 +337,15 @@ class LyapunovSpectrum(Saved):
         # not where the errors cover two regimes
         zero = (abs(values) <= 2.0 * errors)[:count] & (self.change is None)
 
-        def dimension(exponents: Array, _: Array) -> Array:
+        def dimension(exponents: Array, _: Array, zero: Any = zero) -> Array:
             known = np.where(zero, 0.0, exponents)
             return np.array([kaplan_yorke(np.append(known, values[count:]))])
 
-        value, error = self._estimate(dimension)
-        return float(value[0]), float(error[0])
+        (value,), (error,) = self._estimate(dimension)
+        if not self._averages[0].regular:  # an exponent may be small and not zero
+            (other,), (error,) = self._estimate(partial(dimension, zero=False))
+            error += abs(other - value)
+        return float(value), float(error)
 
     @property
     def dimension(self) -> float:
@@ -355,7 +358,11 @@ class LyapunovSpectrum(Saved):
 
     @property
     def dimension_error(self) -> float:
-        """One standard error of the `dimension`; not a bound."""
+        """One standard error of the `dimension`; not a bound.
+
+        Where an exponent of chaos may be zero, it includes the difference to the dimension of the
+        exponents as they are.
+        """
         return self._dimension[1]
 
     @property

@@ -137,6 +137,38 @@ def test_a_rotation_in_closed_form() -> None:
     assert spectrum.dimension == 1.0
 
 
+class Strips(Map):
+    """A baker's map whose strips have these widths and are all contracted to a fifth."""
+
+    dimension = 2
+
+    def __init__(self, *widths: float) -> None:
+        self.widths, self.edges = widths, np.append(0.0, np.cumsum(widths))
+
+    def __call__(self, state: Array) -> Array:
+        strip = self.strip(state)
+        x = (state[0] - self.edges[strip]) / self.widths[strip]
+        return np.array([x, 0.2 * state[1] + 0.3 * strip])
+
+    def jacobian(self, state: Array) -> Array:
+        return np.diag([1.0 / self.widths[self.strip(state)], 0.2])
+
+    def strip(self, state: Array) -> int:
+        return int(np.searchsorted(self.edges[1:-1], state[0], side="right"))
+
+
+def test_the_error_of_the_dimension_covers_an_exponent_that_may_be_zero() -> None:
+    # The largest exponent is the entropy of the widths; it is small, and so are 300 iterates.
+    random, widths, covered = np.random.default_rng(0), (0.99, 0.01), []
+    exact = 1.0 - sum(p * np.log(p) for p in widths) / np.log(5.0)
+    for start in random.uniform(size=(40, 2)):
+        spectrum = LyapunovSpectrum.of_map(Strips(*widths), start, iterations=300)
+        if np.ptp(spectrum._run[0][:, 0]) > 0.0:  # some starts never come to the narrow strip
+            covered.append(abs(spectrum.dimension - exact) <= 2.0 * spectrum.dimension_error)
+    assert len(covered) >= 30
+    assert sum(covered) >= 0.9 * len(covered)
+
+
 # --- flows ---------------------------------------------------------------------------------------
 
 
