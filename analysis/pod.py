@@ -308,10 +308,11 @@ class POD(Saved):
         if modes is None:
             raise ValueError("modes must be given: the source has no normal modes")
         array = finite_array("modes", modes, (len(self.mean), None))
-        length = np.linalg.norm(array, axis=0)
-        for j in np.flatnonzero(length == 0.0)[:1].tolist():
+        largest = abs(array).max(axis=0)
+        for j in np.flatnonzero(largest == 0.0)[:1].tolist():
             raise ValueError(f"modes[:, {j}] must not be zero")
-        return np.asarray(array / length)
+        array = array / largest  # squares would overflow, or vanish
+        return np.asarray(array / np.linalg.norm(array, axis=0))
 
     # --- figures ----------------------------------------------------------------------------------
 
