@@ -94,7 +94,9 @@ class Harmonics(Saved):
     @cached_property
     def shares(self) -> Array:
         """Share of the variance, (h,), that the strongest 1, 2, ..., h harmonics hold together."""
-        held = np.cumsum(np.sort(self.power)[::-1])
+        sizes = abs(self.coefficients)
+        relative = sizes / (float(sizes.max()) or 1.0)  # squares of small ones would vanish
+        held = np.cumsum(np.sort(relative**2)[::-1])
         return np.asarray(held / held[-1] if held[-1] > 0.0 else np.ones_like(held))
 
     def count(self, share: float = SHARE) -> int:
@@ -110,7 +112,7 @@ class Harmonics(Saved):
         part = finite_scalar("share", share)
         if not 0.0 < part < 1.0:
             raise ValueError(f"share must lie in (0, 1); got {part}")
-        return int(np.searchsorted(self.shares, part)) + 1 if self.power.any() else 0
+        return int(np.searchsorted(self.shares, part)) + 1 if self.coefficients.any() else 0
 
 
 def harmonics_of(values: object, frequency: float) -> Harmonics:

@@ -162,6 +162,12 @@ def test_strongest_harmonics_are_counted_first() -> None:
     assert (found.count(0.99), found.count(0.991)) == (1, 2)
 
 
+def test_counts_do_not_depend_on_units() -> None:
+    t = np.linspace(0.0, 2.0 * np.pi, 65)
+    x = 2.0 * np.cos(t) + 0.5 * np.sin(5.0 * t)
+    assert [harmonics_of(unit * x, 1.0).count() for unit in (1e-200, 1.0)] == [2, 2]
+
+
 def test_rest_has_no_harmonics() -> None:
     assert harmonics_of(np.full(9, 0.1), 1.0).count() == 0
 
