@@ -90,9 +90,9 @@ class CorrelationDimension(Saved):
         For an array: each coordinate that is an angle, and one turn of it. For an attractor the
         system determines them.
     largest : float, optional
-        Largest radius; by default a tenth of the diameter, or, in the Euclidean norm, of the
-        diagonal of the bounding box. Few states in many dimensions have too few pairs there: where
-        no range scales, a fifth is tried.
+        Largest radius, at most the diameter of the states or, in the Euclidean norm, the diagonal
+        of the bounding box; by default a tenth of it. Few states in many dimensions have too few
+        pairs there: where no range scales, a fifth is tried.
     least_ratio : float
         Least ratio of the largest to the smallest radius of a scaling region: any smooth curve is
         straight over a short range.

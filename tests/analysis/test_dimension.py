@@ -263,6 +263,13 @@ def test_largest_radius_is_a_tenth_of_the_diameter(henon: CorrelationDimension) 
     assert wider.sums.radii[-1] == 1.0
 
 
+def test_a_radius_beyond_all_states_does_not_make_them_one_point() -> None:
+    states = np.random.default_rng(0).normal(size=(300, 3))
+    found = CorrelationDimension(states, largest=1e9)
+    assert found.outcome is Outcome.NONE
+    assert found.sums.radii[-1] == found.diameter
+
+
 @pytest.mark.parametrize("n", [1, 2, 3, 50, 51])
 def test_extent_of_an_angle_is_its_largest_distance(n: int) -> None:
     states = 20.0 * uniform(n, 1, seed=n)
