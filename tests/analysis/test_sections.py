@@ -142,6 +142,9 @@ def test_unknown_coordinates_are_refused(section: Any) -> None:
     _, (axes,) = new_figure()
     with pytest.raises(ValueError, match=re.escape("coordinates[1] must lie in [-2, 1]; got 2")):
         section(np.eye(2)).plot(axes, coordinates=(0, 2))
+    for wrong in (3, (0,), (0, 1, 1)):
+        with pytest.raises(ValueError, match="coordinates must be two numbers of coordinates; got"):
+            section(np.eye(2)).plot(axes, coordinates=wrong)
 
 
 # --- figures --------------------------------------------------------------------------------------
