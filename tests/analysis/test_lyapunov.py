@@ -24,6 +24,7 @@ from dynkit.systems import (
     Logistic,
     Lorenz,
     Rossler,
+    StandardMap,
     SymbolicFlow,
 )
 from tests.example_systems import CircleRotation, DampedRotation
@@ -111,6 +112,20 @@ def test_a_torus_has_an_exponent_of_zero() -> None:
     assert spectrum.error[0] < 1e-6
     assert spectrum.exponents[1] < -0.01
     assert spectrum.dimension == pytest.approx(1.0, abs=1e-6)
+
+
+@pytest.mark.parametrize("iterations", [128, 500, 2000])
+def test_regular_motions_of_a_conservative_map_have_exponents_of_zero(iterations: int) -> None:
+    # Around the centre of its island, at k < 0.6, disturbances grow in proportion to the time.
+    random, covered = np.random.default_rng(0), 0
+    for _ in range(20):
+        start = [random.uniform(2.5, 3.7), random.uniform(-0.3, 0.3)]
+        chart = StandardMap(random.uniform(0.05, 0.6))
+        spectrum = LyapunovSpectrum.of_map(chart, start, iterations=iterations)
+        covered += bool((abs(spectrum.exponents) <= 2.0 * spectrum.error).all())
+        assert abs(spectrum.sum) <= spectrum.sum_error + 1e-15
+        assert spectrum.sum_error < 1e-10
+    assert covered == 20
 
 
 def test_what_rounding_hides_is_no_number() -> None:
