@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from scipy import signal
 
 from dynkit import MapAttractor
 from dynkit.analysis import CorrelationDimension
@@ -255,6 +256,21 @@ def test_diameter_bounds_all_distances(norm: Norm) -> None:
     distances = gaps.max(axis=2) if norm == "maximum" else np.linalg.norm(gaps, axis=2)
     assert found.diameter >= distances.max()
     assert norm == "euclidean" or found.diameter == distances.max()
+
+
+@pytest.mark.parametrize("n", [1000, 4000, 12_000])
+def test_errors_of_sets_with_wide_gaps_cover_their_dimension(n: int) -> None:
+    # A baker's map that contracts two strips to a: the curve is a staircase with steps from slope 1
+    # to 2, a factor 1 / a wide; on average its slope is 1 + ln 2 / ln(1 / a).
+    random, covered = np.random.default_rng(n), 0
+    for contraction in random.uniform(0.005, 0.1, 12):
+        strips = random.integers(0, 2, n + 100).astype(float)
+        x = signal.lfilter([0.5], [1.0, -0.5], strips[::-1])[::-1]
+        y = signal.lfilter([1.0 - contraction], [1.0, -contraction], np.append(0.0, strips[:-1]))
+        found = CorrelationDimension(np.stack([x, y], axis=1)[50:-50])
+        exact = 1.0 - np.log(2.0) / np.log(contraction)
+        covered += abs(found.value - exact) <= 2.0 * found.error
+    assert covered >= 11
 
 
 def test_largest_radius_is_a_tenth_of_the_diameter(henon: CorrelationDimension) -> None:
