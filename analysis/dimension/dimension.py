@@ -257,11 +257,11 @@ class CorrelationDimension(Saved):
         One standard error covers about 68 %, and two about 95 %; it is not a bound. It has two
         parts. One is the statistical error of the slope, from a bootstrap over blocks of time; this
         accounts for the pairs shared by neighbouring radii and successive states. The other is the
-        additional scatter of the slopes of the region's quarters and, for sets with wide gaps,
-        whose curve is a staircase, of the slope over more radii. The error is at least that of
+        additional scatter of the slopes of the region's quarters. The error is at least that of
         independent lags in time: see `dynkit.analysis.dimension.errors.error_by_lags`. Where the
-        local slopes drift with the radius, it includes the distance to the limit of small radii:
-        see `dynkit.analysis.dimension.drift.drift_of`. Where the motion changes its regime it also
+        local slopes drift with the radius, or the curve is a staircase, as for sets with wide gaps,
+        it includes the distance to the limit of small radii: see
+        `dynkit.analysis.dimension.scaling.ScalingRegion`. Where the motion changes its regime it also
         covers the dimension of the last regime.
         """
         if self.region is None:

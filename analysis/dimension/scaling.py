@@ -96,13 +96,13 @@ class ScalingRegion:
         One standard error of the slope, from bootstrap over blocks of time.
     systematic : float
         Scatter of the slopes of the region's quarters beyond the statistical one: the mean variance
-        of the quarters and the standard error of a variance of four are subtracted. Sets with wide
-        gaps, such as attractors that contract strongly, have a curve like a staircase: where the
-        local slopes outside the region leave its slope and come back to it, this includes the
-        largest change of the slope when it is taken over more radii.
+        of the quarters and the standard error of a variance of four are subtracted.
     drift : float
         One standard error for the limit of small radii, where the local slopes drift: see
-        `dynkit.analysis.dimension.drift.drift_of`.
+        `dynkit.analysis.dimension.drift.drift_of`. Sets with wide gaps, such as attractors that
+        contract strongly, have a curve like a staircase: where the local slopes outside the region
+        leave its slope and come back to it, this includes the largest change of the slope when it
+        is taken over more radii.
     """
 
     low: float
@@ -179,13 +179,12 @@ def find_scaling(sums: CorrelationSums, states: Array, least_ratio: float) -> Sc
     found = _longest_region(radii, pairs, shares, least_ratio)
     if found is not None:
         region, weights = found
-        gaps = _shift_by_gaps(radii, pairs, shares, region)
-        region = replace(region, systematic=float(np.hypot(region.systematic, gaps)))
         extended = int((np.ptp(states, axis=0) > 0.0).sum())
         drift = drift_of(radii, pairs, shares, weights, steps=STEPS, coordinates=extended)
         drifts = drift.certain and drift.shift > 2.0 * region.scatter
         outcome = Outcome.DRIFT if drifts else Outcome.FOUND
-        return Scaling(outcome, replace(region, drift=drift.shift))
+        shift = np.hypot(drift.shift, _shift_by_gaps(radii, pairs, shares, region))
+        return Scaling(outcome, replace(region, drift=float(shift)))
     if flat is None:
         return Scaling(Outcome.NONE, None)
     low, high = (float(every[i]) for i in flat)
