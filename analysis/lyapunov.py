@@ -398,7 +398,9 @@ class LyapunovSpectrum(Saved):
 
         It is False when the slowest waves of the logarithms are much larger than the others. Then
         the correlation time exceeds about a tenth of the run, or the motion has not settled. The
-        errors are then too small.
+        errors are then too small. Where it is True, three errors are exceeded in 6 % of runs of
+        twenty correlation times, and in 1 % of those of sixty. Of states that a run never visits,
+        as of rare bursts of chaos, it knows nothing.
         """
         return self._averages[0].resolved
 

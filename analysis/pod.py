@@ -259,8 +259,8 @@ class POD(Saved):
         of a 95 % interval (Student's t) from the amplitudes of the slow waves in the batches: see
         `dynkit.analysis.averages`. The motion is divided into at most 32 batches of successive
         impacts or samples; with fewer than two the errors are infinite. They are too small where
-        the correlation time exceeds a sixth of the motion, or the motion has not reached its
-        attractor. They are too large for a periodic motion, where they depend on the ends of the
+        the motion lasts for few correlation times (of thirty of them, three errors are exceeded in
+        5 % of cases, of three hundred in 1 %), or has not reached its attractor. They are too large for a periodic motion, where they depend on the ends of the
         batches within the period. Where the motion changes its regime (`change`) they cover the
         powers before and after.
         """
