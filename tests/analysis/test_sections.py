@@ -137,6 +137,11 @@ def test_periods_of_an_array_are_refused() -> None:
         StroboscopicSection(np.eye(2), periods=3)
 
 
+def test_phases_just_below_zero_are_below_two_pi() -> None:
+    assert StroboscopicSection(np.eye(2), phase=-1e-17).phase == 0.0
+    assert ImpactSection(np.array([[0.1, -1e-17]])).phase.tolist() == [0.0]
+
+
 @pytest.mark.parametrize("section", [StroboscopicSection, ImpactSection])
 def test_unknown_coordinates_are_refused(section: Any) -> None:
     _, (axes,) = new_figure()
