@@ -260,9 +260,9 @@ class POD(Saved):
         `dynkit.analysis.averages`. The motion is divided into at most 32 batches of successive
         impacts or samples; with fewer than two the errors are infinite. They are too small where
         the motion lasts for few correlation times (of thirty of them, three errors are exceeded in
-        5 % of cases, of three hundred in 1 %), or has not reached its attractor. They are too large for a periodic motion, where they depend on the ends of the
-        batches within the period. Where the motion changes its regime (`change`) they cover the
-        powers before and after.
+        5 % of cases, of three hundred in 1 %), or has not reached its attractor. They are too large
+        for a periodic motion, where they depend on the ends of the batches within the period. Where
+        the motion changes its regime (`change`) they cover the powers before and after.
         """
         return self._errors(self._deviations)
 

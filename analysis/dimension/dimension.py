@@ -261,8 +261,8 @@ class CorrelationDimension(Saved):
         independent lags in time: see `dynkit.analysis.dimension.errors.error_by_lags`. Where the
         local slopes drift with the radius, or the curve is a staircase, as for sets with wide gaps,
         it includes the distance to the limit of small radii: see
-        `dynkit.analysis.dimension.scaling.ScalingRegion`. Where the motion changes its regime it also
-        covers the dimension of the last regime.
+        `dynkit.analysis.dimension.scaling.ScalingRegion`. Where the motion changes its regime it
+        also covers the dimension of the last regime.
         """
         if self.region is None:
             return inf
