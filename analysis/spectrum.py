@@ -318,7 +318,8 @@ class PowerSpectrum(Saved):
         """Return the part of the variance between two angular frequencies.
 
         A density holds for the interval to the middles between its frequency and the neighbouring
-        ones. A band contains all of a line when both limits are two `resolution` away or more.
+        ones. A band contains a line, to 0.02 % of its power, when both limits are two `resolution`
+        away or more.
 
         Parameters
         ----------
