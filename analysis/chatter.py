@@ -11,7 +11,13 @@ import numpy as np
 
 from dynkit.core.cost import Cost
 from dynkit.core.reprs import span
-from dynkit.core.validation import Array, finite_array, non_negative_integer, read_only
+from dynkit.core.validation import (
+    Array,
+    finite_array,
+    finite_scalar,
+    non_negative_integer,
+    read_only,
+)
 from dynkit.data.dataset import Dataset, described
 from dynkit.data.result import Saved
 from dynkit.plotting.figures import DOTS, ink, print_style, shown_axes
@@ -112,8 +118,8 @@ class ChatterRatios(Saved):
         """
         begin, end = self._run
         clock = np.spacing(np.cumsum(self.flight_times))[begin:end]
-        off = clock / self.flights + 2.0**-53
-        return np.asarray(self.ratios * (off[1:] + off[:-1]))
+        off = clock + 2.0**-53 * self.flights
+        return np.asarray((off[1:] + self.ratios * off[:-1]) / self.flights[:-1])
 
     @property
     def bounces(self) -> Array:
@@ -152,7 +158,7 @@ class ChatterRatios(Saved):
             raise ValueError(
                 f"last must not exceed the event's {len(self.ratios)} bounces; got {high}"
             )
-        return float(abs(self.ratios[low - 1 : high] - limit).max())
+        return float(abs(self.ratios[low - 1 : high] - finite_scalar("limit", limit)).max())
 
     @print_style()
     def plot(self, ax: Axes | None = None, *, label: str | None = None) -> Axes:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import time
 from collections.abc import Callable
 from functools import cached_property, partial
-from typing import TYPE_CHECKING, ClassVar, Self, final
+from typing import TYPE_CHECKING, Any, ClassVar, Self, final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -40,6 +40,9 @@ if TYPE_CHECKING:
 _SETTLING = 4
 """A run has iterations / _SETTLING further iterates at first, in which the frame aligns itself."""
 
+_CONSTANT = 1e-3
+"""Largest relative error of an average whose logarithms are constant, or as good as constant."""
+
 _POINTS = 400
 """Number of points of a drawn curve of convergence."""
 
@@ -58,6 +61,7 @@ class LyapunovSpectrum(Saved):
     recognised by the much faster convergence of weighted averages; their error is the largest
     distance between these averages over parts of the motion, plus the effect of rounding of the
     states of a map. Of motions that still settle on an orbit they cover what is left. Where
+    disturbances may grow as a power of time, as in conservative oscillators, they cover zero. Where
     rounding makes chaos repeat itself, only different states count. The errors are valid when the
     motion is `resolved`, for its attractor. Where the run changes its regime, for example when
     transient chaos ends, the errors cover the exponents before and after; see `change`. A transient
@@ -266,8 +270,31 @@ class LyapunovSpectrum(Saved):
         return np.asarray(slopes * min(3.0 / (rate * duration), most))
 
     @cached_property
+    def _powers(self) -> Array:
+        """Sizes of the finite exponents, in descending order, that may be zero; otherwise 0.
+
+        Where disturbances grow as the time t, as in conservative oscillators, they grow by no more
+        than a factor n in n iterates, and smoothly: the scatter of their logarithms is then far
+        smaller than the average. Where logarithms are constant to a thousandth, growth is
+        exponential.
+        """
+        logs, _, times, _ = self._run
+        values, errors = self._estimate(lambda exponents, _: exponents)
+        count = len(logs) * self._length
+        grown = count * abs(values)
+        if self._is_flow and times is not None:
+            grown *= float(times.mean())
+        powers = (grown <= np.log(count)) & (errors > _CONSTANT * abs(values))
+        return np.where(powers, abs(values), 0.0)
+
+    @property
+    def _others(self) -> Array:
+        """Errors of the finite exponents, in descending order, besides those of averages."""
+        return np.asarray(self._accuracy + abs(self._left) + self._powers)
+
+    @cached_property
     def _exponents(self) -> tuple[Array, Array]:
-        return self._exponents_of(lambda exponents, _: exponents, self._accuracy + abs(self._left))
+        return self._exponents_of(lambda exponents, _: exponents, self._others)
 
     @property
     def exponents(self) -> Array:
@@ -288,7 +315,7 @@ class LyapunovSpectrum(Saved):
         (duration,), _ = self._estimate(lambda _, duration: duration)
         return self._exponents_of(
             lambda exponents, duration: exponents / duration,
-            (self._accuracy + abs(self._left)) / float(duration),
+            self._others / float(duration),
         )
 
     @property
@@ -337,12 +364,15 @@ class LyapunovSpectrum(Saved):
         # not where the errors cover two regimes
         zero = (abs(values) <= 2.0 * errors)[:count] & (self.change is None)
 
-        def dimension(exponents: Array, _: Array) -> Array:
+        def dimension(exponents: Array, _: Array, zero: Any = zero) -> Array:
             known = np.where(zero, 0.0, exponents)
             return np.array([kaplan_yorke(np.append(known, values[count:]))])
 
-        value, error = self._estimate(dimension)
-        return float(value[0]), float(error[0])
+        (value,), (error,) = self._estimate(dimension)
+        if not self._averages[0].regular:  # an exponent may be small and not zero
+            (other,), (error,) = self._estimate(partial(dimension, zero=False))
+            error += abs(other - value)
+        return float(value), float(error)
 
     @property
     def dimension(self) -> float:
@@ -355,7 +385,11 @@ class LyapunovSpectrum(Saved):
 
     @property
     def dimension_error(self) -> float:
-        """One standard error of the `dimension`; not a bound."""
+        """One standard error of the `dimension`; not a bound.
+
+        Where an exponent of chaos may be zero, it includes the difference to the dimension of the
+        exponents as they are.
+        """
         return self._dimension[1]
 
     @property
@@ -364,7 +398,9 @@ class LyapunovSpectrum(Saved):
 
         It is False when the slowest waves of the logarithms are much larger than the others. Then
         the correlation time exceeds about a tenth of the run, or the motion has not settled. The
-        errors are then too small.
+        errors are then too small. Where it is True, three errors are exceeded in 6 % of runs of
+        twenty correlation times, and in 1 % of those of sixty. Of states that a run never visits,
+        as of rare bursts of chaos, it knows nothing.
         """
         return self._averages[0].resolved
 

@@ -177,7 +177,10 @@ class Motion:
 
     def error_until(self, times: Array) -> float:
         """Return the error of the motion up to the latest of times (k,)."""
-        longer = self.record_until(float(times.max(initial=0.0)))
+        latest = float(times.max(initial=0.0))
+        if isinstance(self.attractor, MapAttractor):
+            return self.attractor.error_until(int(latest))
+        longer = self.record_until(latest)
         if longer is getattr(self.attractor, "record", None):
             return self.attractor.error
         return max(self.attractor.error, float(longer.error.max(initial=0.0)))

@@ -259,10 +259,10 @@ class POD(Saved):
         of a 95 % interval (Student's t) from the amplitudes of the slow waves in the batches: see
         `dynkit.analysis.averages`. The motion is divided into at most 32 batches of successive
         impacts or samples; with fewer than two the errors are infinite. They are too small where
-        the correlation time exceeds a sixth of the motion, or the motion has not reached its
-        attractor. They are too large for a periodic motion, where they depend on the ends of the
-        batches within the period. Where the motion changes its regime (`change`) they cover the
-        powers before and after.
+        the motion lasts for few correlation times (of thirty of them, three errors are exceeded in
+        5 % of cases, of three hundred in 1 %), or has not reached its attractor. They are too large
+        for a periodic motion, where they depend on the ends of the batches within the period. Where
+        the motion changes its regime (`change`) they cover the powers before and after.
         """
         return self._errors(self._deviations)
 
@@ -308,10 +308,11 @@ class POD(Saved):
         if modes is None:
             raise ValueError("modes must be given: the source has no normal modes")
         array = finite_array("modes", modes, (len(self.mean), None))
-        length = np.linalg.norm(array, axis=0)
-        for j in np.flatnonzero(length == 0.0)[:1].tolist():
+        largest = abs(array).max(axis=0)
+        for j in np.flatnonzero(largest == 0.0)[:1].tolist():
             raise ValueError(f"modes[:, {j}] must not be zero")
-        return np.asarray(array / length)
+        array = array / largest  # squares would overflow, or vanish
+        return np.asarray(array / np.linalg.norm(array, axis=0))
 
     # --- figures ----------------------------------------------------------------------------------
 

@@ -14,7 +14,7 @@ from dynkit.analysis.batches import Edges
 from dynkit.analysis.motions import source_of
 from dynkit.analysis.regimes import RegimeChange, regime_change
 from dynkit.core.cost import Cost
-from dynkit.core.validation import Array, ascending, finite_array
+from dynkit.core.validation import Array, ascending, finite_array, with_squares_in_range
 from dynkit.dynamics.attractor import Attractor
 
 BATCHES = 32
@@ -83,7 +83,7 @@ def averages_of(source: object, times: object = None) -> Callable[[], Any]:
     source = source_of(source)
     if isinstance(source, Attractor):
         source = source.states
-    samples = finite_array("source", source, (None, None)).copy()
+    samples = with_squares_in_range("source", finite_array("source", source, (None, None)).copy())
     if len(samples) < 2 or not samples.shape[1]:
         raise ValueError(f"source must hold two samples or more; got shape {samples.shape}")
     if times is None:

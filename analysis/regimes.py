@@ -35,9 +35,10 @@ _TOLERANCE, _NEAR = 1e-6, 1e-2
 """Largest recurrence of a periodic column, and of one that settles, relative to the column's size,
 as for `label_orbit`."""
 
-_REPETITIONS, _LEAST = 3, 100
-"""Least number of periods, and of values, in which a column recurs before it counts as periodic:
-chaos does not stay within the tolerance for so long."""
+_REPETITIONS, _LEAST, _LONGER = 3, 100, 5
+"""Least number of periods, and of values, in which a column recurs before it counts as periodic,
+and least ratio of this number to those of earlier recurrences. Chaos does not stay within the
+tolerance for so long, unless the column has few different values."""
 
 
 @final
@@ -67,8 +68,9 @@ class RegimeChange:
 def regime_change(series: Array, *, growths: int = 0) -> RegimeChange | None:
     """Return the change of regime of a run; None where no change is detected.
 
-    A run becomes periodic where a column recurs to 1e-6 at its end, for at least three periods and
-    a hundred values; the change is where the column begins to recur to 1e-2. Otherwise, in runs of
+    A run becomes periodic where a column recurs to 1e-6 at its end, for at least three periods, a
+    hundred values and five times as long as ever before; the change is where the column begins to
+    recur to 1e-2. Columns that recur to 1e-6 throughout are left out. Otherwise, in runs of
     400 values and more, the means of each column over 64 parts are tested for a change with at
     least 200 values on each side. The test normalises the difference of the means before and after
     a part by partial sums on both sides; the remaining correlation of neighbouring parts is
@@ -110,7 +112,8 @@ def regime_change(series: Array, *, growths: int = 0) -> RegimeChange | None:
     used[used] = np.ptp(series[:, used], axis=0) > _TOLERANCE * abs(series[:, used]).max(axis=0)
     columns, grows = series[:, used], used[:growths].sum()
     found = [_periodic_from(column) for column in columns.T]
-    begins = [at for at, _ in filter(None, found)]
+    columns = columns[:, [each is None or each[0] >= 0 for each in found]]
+    begins = [at for at, _ in filter(None, found) if at >= 0]
     if 0 in begins:  # the motion is periodic throughout
         return None
     if begins and not any(growth > 0.0 for _, growth in filter(None, found[:grows])):
@@ -137,7 +140,8 @@ def regime_change(series: Array, *, growths: int = 0) -> RegimeChange | None:
 def _periodic_from(column: Array) -> tuple[int, float] | None:
     """Return the index from which a column (n,) is periodic to its end; None if it is not.
 
-    The second number is the mean of the last period, less the tolerance.
+    The index is -1 where it is so throughout, to the smaller tolerance. The second number is the
+    mean of the last period, less the tolerance.
     """
     near = _TOLERANCE * float(abs(column).max())
     longest = len(column) // _REPETITIONS
@@ -145,12 +149,15 @@ def _periodic_from(column: Array) -> tuple[int, float] | None:
         least = max(_REPETITIONS * period, _LEAST)
         if least > len(column):
             return None
-        tail = column[-least:]
-        if (abs(tail[period:] - tail[:-period]) <= near).all():
+        apart = abs(column[period:] - column[:-period])
+        ends = np.flatnonzero(apart > near)
+        *before, last = np.diff(ends, prepend=-1, append=len(apart)) - 1
+        if last + period >= least:
+            if last < _LONGER * max(before, default=0):
+                return None
             growth = float(column[-period:].mean()) - near
-            near *= _NEAR / _TOLERANCE
-            apart = np.flatnonzero(abs(column[period:] - column[:-period]) > near)
-            return (int(apart[-1]) + 1 if len(apart) else 0), growth
+            far = np.flatnonzero(apart > near * _NEAR / _TOLERANCE)
+            return (int(far[-1]) + 1 if len(far) else min(len(ends), 1) - 1), growth
     return None
 
 

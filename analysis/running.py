@@ -156,6 +156,8 @@ class RunningHistogram(Running):
         if not self.low < self.high:
             raise ValueError(f"high must exceed low = {self.low}; got {self.high}")
         self.bins = positive_integer("bins", bins)
+        if not (np.diff(self._edges) > 0.0).all():
+            raise ValueError(f"bins must be wider than rounding; got {self.bins} of them")
         self._counts, self._watched = Batches(_BATCHES), Batches(_WATCHED)
 
     @property

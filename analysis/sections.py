@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import math
 import time
+from collections.abc import Sequence
 from functools import cached_property
-from typing import TYPE_CHECKING, ClassVar, final
+from typing import TYPE_CHECKING, Any, ClassVar, final
 
 import numpy as np
 
@@ -59,7 +60,7 @@ class StroboscopicSection(Saved):
 
     def __init__(self, source: object, *, phase: float = 0.0, periods: int | None = None) -> None:
         began = time.perf_counter()
-        self.phase = finite_scalar("phase", phase) % math.tau
+        self.phase = finite_scalar("phase", phase) % math.tau % math.tau  # -1e-17 % tau is tau
         motion = self._motion = Motion.of(source)
         self._default = 0, 1
         if motion is not None:
@@ -213,7 +214,8 @@ class ImpactSection(Saved):
     @property
     def phase(self) -> Array:
         """Phases of the forcing at the impacts, (n,), below 2 pi."""
-        return np.asarray(self.states[:, -1] % math.tau)  # with 4 pi times the number of the stop
+        # with 4 pi times the number of the stop; -1e-17 % tau is tau
+        return np.asarray(self.states[:, -1] % math.tau % math.tau)
 
     def __repr__(self) -> str:
         return f"<ImpactSection: {len(self.states)} impacts>"
@@ -299,7 +301,7 @@ def _strobe_times(motion: Motion, phase: float, periods: int | None) -> Array:
     w, record = motion.forcing_frequency, motion.record_until(0.0)
     if record is None:
         raise ValueError(f"source must be a motion in time; got {motion.system!r}")
-    first = ((phase - record.start.phase) % math.tau) / w
+    first = ((phase - record.start.phase) % math.tau % math.tau) / w
     period = math.tau / w
     if periods is None:
         end = float(record.time[-1]) if len(record) else 0.0
@@ -314,6 +316,9 @@ def _strobe_times(motion: Motion, phase: float, periods: int | None) -> Array:
 def _chosen(
     coordinates: tuple[int, int] | None, default: tuple[int, int], dimension: int
 ) -> list[int]:
-    first, second = default if coordinates is None else coordinates
-    chosen = {"coordinates[0]": first, "coordinates[1]": second}
-    return [checked_index(name, value, dimension) for name, value in chosen.items()]
+    chosen: Any = default if coordinates is None else coordinates
+    if not isinstance(chosen, Sequence) or len(chosen) != 2:
+        raise ValueError(f"coordinates must be two numbers of coordinates; got {coordinates!r}")
+    first, second = chosen
+    both = {"coordinates[0]": first, "coordinates[1]": second}
+    return [checked_index(name, value, dimension) for name, value in both.items()]

@@ -82,6 +82,7 @@ class Sensitivity(Saved):
         distances = read_only(np.linalg.norm(system.difference(twin, states), axis=1))
         known = float(system.call_errors(start[None]).max())  # of a flow it may be absolute
         error = max(system.accuracy * float(abs(states).max()), known)
+        error *= 2.0 * np.sqrt(states.shape[1])  # of both motions, in all coordinates
         cost = Cost(time.perf_counter() - began, {"iterates": 2 * self._iterations})
         return distances, error, cost
 
@@ -97,7 +98,10 @@ class Sensitivity(Saved):
 
     @property
     def error(self) -> float:
-        """Error that a single iterate adds to a distance; it grows as the distance does."""
+        """Estimate of the error that an iterate adds to a distance; it grows as the distance does.
+
+        It is that of a call (`Map.accuracy`) in all coordinates of both motions.
+        """
         return self._run[1]
 
     def dataset(self) -> Dataset:
@@ -108,7 +112,7 @@ class Sensitivity(Saved):
             described(
                 f"Distances of two motions of {self._name}",
                 cost=self.cost,
-                error="error that a single iterate adds to a distance",
+                error="estimate of the error that a single iterate adds to a distance",
                 iterate_error=self.error,
             ),
         )

@@ -19,6 +19,7 @@ from dynkit.core.validation import (
     positive,
     positive_integer,
     read_only,
+    with_squares_in_range,
 )
 from dynkit.data.dataset import Dataset, described
 from dynkit.data.result import Saved
@@ -41,9 +42,6 @@ _FINER, _CHUNK = 16, 1 << 15
 
 # Number of values in a gigabyte.
 _MOST = 1 << 27
-
-# Squares of larger values, and their sums, may overflow.
-_LARGEST = 1e145
 
 # Smallest drawn density relative to the largest.
 _FAINTEST = 1e-12
@@ -142,9 +140,8 @@ class PowerSpectrum(Saved):
             for name, value in (("coordinate", coordinate), ("samples", samples)):
                 if value is not None:
                     raise ValueError(f"{name} must be left out with an array; got {value!r}")
-            self._given = finite_array("source", source, (None,)).copy()
-            if (largest := float(abs(self._given).max(initial=0.0))) > _LARGEST:
-                raise ValueError(f"source must not exceed {_LARGEST:g} in size; got {largest:g}")
+            given = finite_array("source", source, (None,)).copy()
+            self._given = with_squares_in_range("source", given)
             self._count = len(self._given)
         self.interval = step
         length, self.segments = _divided(
@@ -186,10 +183,13 @@ class PowerSpectrum(Saved):
 
         One standard error covers about 68 %, and is not a bound. It follows from the number of
         segments and their overlap, and is near 1 for a periodogram. The power of a line of a
-        periodic motion has no such error. Aliasing is not included: for an array it comes from
-        frequencies above `nyquist`, for an impact attractor from those above 16 times that. It
-        changes the lines of the chain's P(1,3) at frequency 0.87 by 0.04 % (the lowest) to 0.4 %
-        (near twice the highest natural frequency).
+        periodic motion has no such error. It does not cover that a density is an average over a
+        `resolution`. Nor does it hold at both ends: of a level spectrum the density at frequency
+        zero is one sixth, the next one five sixths, and a last one at `nyquist` of an array one
+        half, because means are subtracted, and intervals at the ends are half as wide. Aliasing is
+        not included: for an array it comes from frequencies above `nyquist`, for an impact
+        attractor from those above 16 times that. It changes the lines of the chain's P(1,3) at
+        frequency 0.87 by 0.04 % (the lowest) to 0.4 % (near twice the highest natural frequency).
 
         Where the samples change their regime (`change`), the error is increased by the largest
         relative difference to the densities before and after. It is infinite when one of these
@@ -317,10 +317,14 @@ class PowerSpectrum(Saved):
     def power(self, low: float, high: float) -> float:
         """Return the part of the variance between two angular frequencies.
 
+        A density holds for the interval to the middles between its frequency and the neighbouring
+        ones. A band contains a line, to 0.02 % of its power, when both limits are two `resolution`
+        away or more.
+
         Parameters
         ----------
         low, high : float
-            Both are included; high must exceed low.
+            High must exceed low.
 
         Raises
         ------
@@ -330,8 +334,10 @@ class PowerSpectrum(Saved):
         first, last = non_negative("low", low), non_negative("high", high)
         if not first < last:
             raise ValueError(f"high must exceed low = {first}; got {last}")
-        within = (self.frequencies >= first) & (self.frequencies <= last)
-        return float(self.density[within].sum() * self.frequencies[1])
+        step = float(self.frequencies[1])
+        edges = np.minimum(np.append(0.0, self.frequencies + 0.5 * step), self.nyquist)
+        below = np.append(0.0, np.cumsum(self.density)) * step
+        return float(np.diff(np.interp([first, last], edges, below))[0])
 
     @print_style()
     def plot(self, ax: Axes | None = None) -> Axes:

@@ -90,9 +90,9 @@ class CorrelationDimension(Saved):
         For an array: each coordinate that is an angle, and one turn of it. For an attractor the
         system determines them.
     largest : float, optional
-        Largest radius; by default a tenth of the diameter, or, in the Euclidean norm, of the
-        diagonal of the bounding box. Few states in many dimensions have too few pairs there: where
-        no range scales, a fifth is tried.
+        Largest radius, at most the diameter of the states or, in the Euclidean norm, the diagonal
+        of the bounding box; by default a tenth of it. Few states in many dimensions have too few
+        pairs there: where no range scales, a fifth is tried.
     least_ratio : float
         Least ratio of the largest to the smallest radius of a scaling region: any smooth curve is
         straight over a short range.
@@ -259,9 +259,10 @@ class CorrelationDimension(Saved):
         accounts for the pairs shared by neighbouring radii and successive states. The other is the
         additional scatter of the slopes of the region's quarters. The error is at least that of
         independent lags in time: see `dynkit.analysis.dimension.errors.error_by_lags`. Where the
-        local slopes drift with the radius, it includes the distance to the limit of small radii:
-        see `dynkit.analysis.dimension.drift.drift_of`. Where the motion changes its regime it also
-        covers the dimension of the last regime.
+        local slopes drift with the radius, or the curve is a staircase, as for sets with wide gaps,
+        it includes the distance to the limit of small radii: see
+        `dynkit.analysis.dimension.scaling.ScalingRegion`. Where the motion changes its regime it
+        also covers the dimension of the last regime.
         """
         if self.region is None:
             return inf

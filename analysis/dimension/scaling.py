@@ -99,7 +99,10 @@ class ScalingRegion:
         of the quarters and the standard error of a variance of four are subtracted.
     drift : float
         One standard error for the limit of small radii, where the local slopes drift: see
-        `dynkit.analysis.dimension.drift.drift_of`.
+        `dynkit.analysis.dimension.drift.drift_of`. Sets with wide gaps, such as attractors that
+        contract strongly, have a curve like a staircase: where the local slopes outside the region
+        leave its slope and come back to it, this includes the largest change of the slope when it
+        is taken over more radii.
     """
 
     low: float
@@ -180,7 +183,8 @@ def find_scaling(sums: CorrelationSums, states: Array, least_ratio: float) -> Sc
         drift = drift_of(radii, pairs, shares, weights, steps=STEPS, coordinates=extended)
         drifts = drift.certain and drift.shift > 2.0 * region.scatter
         outcome = Outcome.DRIFT if drifts else Outcome.FOUND
-        return Scaling(outcome, replace(region, drift=drift.shift))
+        shift = np.hypot(drift.shift, _shift_by_gaps(radii, pairs, shares, region))
+        return Scaling(outcome, replace(region, drift=float(shift)))
     if flat is None:
         return Scaling(Outcome.NONE, None)
     low, high = (float(every[i]) for i in flat)
@@ -277,6 +281,32 @@ def _longest_region(
                 region = _region(radii, pairs, shares, whole[i], quarters[begins[i]])
                 return region, whole[i]
     return None
+
+
+def _shift_by_gaps(radii: Array, pairs: Counts, shares: Counts, region: ScalingRegion) -> float:
+    """Return the shift of the slope of a region that is one step of a staircase; otherwise zero."""
+    inside = np.flatnonzero((radii >= region.low) & (radii <= region.high))
+    low, high = int(inside[0]), int(inside[-1])
+    octaves = _slope_weights(len(radii), STEPS)
+    errors = standard_errors(pairs, shares, octaves)
+    apart, allowed = abs(octaves @ np.log(pairs) - region.slope), TOLERANCE * region.slope
+    away = apart > allowed + 3.0 * errors
+    back = (apart <= 2.0 * allowed) & (errors <= 2.0 * allowed)
+    below, above = np.arange(low - STEPS, -1, -1), np.arange(high, len(octaves))
+    shift = 0.0
+    for outwards in (below, above):
+        gone = np.flatnonzero(away[outwards])
+        if not len(gone) or not back[outwards[gone[0] :]].any():
+            continue
+        others = np.arange(low) if outwards is below else np.arange(high + 1, len(radii))
+        begins, ends = np.minimum(others, low), np.maximum(others, high)
+        lengths, rows = np.log(radii[ends] / radii[begins]), np.arange(len(others))
+        chords = np.zeros((len(others), len(radii)))
+        chords[rows, ends], chords[rows, begins] = 1.0 / lengths, -1.0 / lengths
+        known = standard_errors(pairs, shares, chords) <= 2.0 * allowed
+        shifts = abs(chords @ np.log(pairs) - region.slope)
+        shift = max(shift, float(shifts[known].max(initial=0.0)))
+    return shift
 
 
 def _agree(pairs: Counts, shares: Counts, whole: Array, quarters: Array) -> bool:

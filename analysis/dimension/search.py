@@ -40,7 +40,7 @@ def search_scaling(
     diameter : float
         Largest distance of two states.
     largest : float, optional
-        Largest radius; by default fractions of the diameter are tried.
+        Largest radius, at most the diameter; by default fractions of it are tried.
     least_ratio : float
         As for `find_scaling`.
 
@@ -70,7 +70,9 @@ def _ladders(states: Array, diameter: float, largest: float | None) -> Iterator[
             f"largest must not be less than {least:.3g}, near the rounding of the states; "
             f"got {largest!r}"
         )
-    tops = [max(part * diameter, least) for part in _PARTS] if largest is None else [float(largest)]
+    # beyond the diameter any set looks like one point
+    asked = [part * diameter for part in _PARTS] if largest is None else [min(largest, diameter)]
+    tops = [max(float(top), least) for top in asked]
     for top in dict.fromkeys(tops):
         count = ceil(STEPS * np.log2(top / finest))
         yield top * 2.0 ** (np.arange(-count, 1) / STEPS)

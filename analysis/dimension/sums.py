@@ -5,7 +5,7 @@ from __future__ import annotations
 import time
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Literal, TypeAlias, final, get_args
+from typing import ClassVar, Literal, TypeAlias, final, get_args
 
 import numpy as np
 
@@ -23,6 +23,8 @@ from dynkit.core.validation import (
     positive,
     read_only,
 )
+from dynkit.data.dataset import Dataset, described
+from dynkit.data.result import Saved
 
 Norm: TypeAlias = Literal["maximum", "euclidean"]
 """Norm of the distance of two states."""
@@ -32,8 +34,8 @@ _LEAST = 1e-130  # of the largest state: the radii below it are many
 
 
 @final
-@dataclass(frozen=True, eq=False)
-class CorrelationSums:
+@dataclass(frozen=True, eq=False, repr=False)
+class CorrelationSums(Saved):
     """Numbers of pairs of states within each radius.
 
     The counts are exact: they equal those of a comparison of each pair in double precision.
@@ -53,11 +55,30 @@ class CorrelationSums:
         Seconds, computed distances, and examined pairs of boxes.
     """
 
+    _stored: ClassVar = ("radii", "pairs", "total", "shares", "cost")
     radii: Array
     pairs: Counts
     total: int
     shares: Counts
     cost: Cost
+
+    def dataset(self) -> Dataset:
+        """Return the sums, their errors and the counts as a dataset over ``radius``."""
+        return Dataset(
+            {"radius": ("radius", self.radii)},
+            {
+                "correlation_sum": ("radius", self.values),
+                "error": ("radius", self.error),
+                "pairs": ("radius", self.pairs),
+                "shares": (("block", "radius"), self.shares),
+            },
+            described(
+                "Correlation sums",
+                cost=self.cost,
+                error="one standard error, relative, which covers about 68 %",
+                total=float(self.total),
+            ),
+        )
 
     def __repr__(self) -> str:
         return (

@@ -22,6 +22,9 @@ _DOUBLES = np.dtype(np.float64)
 # A Python loop over this many numbers is faster than a call of NumPy.
 _SHORT = 64
 
+# Squares of larger numbers, and their sums, may overflow, those of its inverse underflow.
+_LARGEST = 1e145
+
 # Counts are kept in integers of 64 bits.
 _COUNTS = 2**63
 
@@ -379,6 +382,29 @@ def ascending(name: str, value: object) -> Array:
     array = finite_array(name, value, (None,)).copy()
     for i in np.flatnonzero(np.diff(array) <= 0.0)[:1].tolist():
         raise _refusal(f"{name}[{i + 1}]", f"exceed {name}[{i}]", array[i + 1])
+    return array
+
+
+def with_squares_in_range(name: str, array: Array) -> Array:
+    """Return an array whose squares, and sums of them, neither overflow nor underflow.
+
+    Raises
+    ------
+    ValueError
+        When the largest number exceeds 1e145, or is below 1e-145 and not zero.
+
+    Examples
+    --------
+    >>> with_squares_in_range("source", np.array([0.0, 1e-200]))
+    Traceback (most recent call last):
+    ...
+    ValueError: source must be zero, or at least 1e-145 in size; got 1e-200
+    """
+    largest = float(abs(array).max(initial=0.0))
+    if largest > _LARGEST:
+        raise _refusal(name, f"not exceed {_LARGEST:g} in size", largest)
+    if 0.0 < largest < 1.0 / _LARGEST:
+        raise _refusal(name, f"be zero, or at least {1.0 / _LARGEST:g} in size", largest)
     return array
 
 

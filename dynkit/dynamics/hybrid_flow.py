@@ -73,13 +73,13 @@ class HybridFlow(Flow):
     def guard_gradient(self, state: Array) -> Array:
         """Return the derivative, (d,), of the guard at a state, (d,)."""
         here = finite_array("state", state, (self.dimension,))
-        rows, _ = numerical_derivative(lambda at: np.array([self.guard(at)]), here)
+        rows, _ = numerical_derivative(lambda at: np.array([_guard(self, at)]), here)
         return np.asarray(rows[0])
 
     def guard_parameter_derivative(self, state: Array, name: str) -> float:
         """Return the derivative of the guard at a state, (d,), by a parameter."""
         by_value = parameter_difference(
-            lambda changed: np.array([replaced(self, **{name: changed}).guard(state)]),
+            lambda changed: np.array([_guard(replaced(self, **{name: changed}), state)]),
             self.value_of(name),
         )
         return float(by_value[0])
@@ -108,6 +108,18 @@ def smooth(name: str, flow: Flow) -> None:
         raise ValueError(f"{name} must have no resets; got {flow!r}: ResetMap is its map")
 
 
+def _number(flow: HybridFlow, method: str, value: Any) -> float:
+    """Return what a method of the user returned as a float; it need not be finite."""
+    found = np.asarray(value)
+    if found.ndim or found.dtype.kind not in "fiu":
+        raise ValueError(f"{type(flow).__name__}{method} must return a real number; got {value!r}")
+    return float(found)
+
+
+def _guard(flow: HybridFlow, state: Array) -> float:
+    return _number(flow, ".guard", flow.guard(state))
+
+
 @final
 @dataclass(frozen=True, eq=False)
 class _GuardSurface:
@@ -121,7 +133,7 @@ class _GuardSurface:
         return self.flow.dimension
 
     def value(self, state: Array) -> float:
-        return float(self.flow.guard(state))
+        return _guard(self.flow, state)
 
     def gradient(self, state: Array) -> Array:
         return self.flow.guard_gradient(state)
@@ -250,7 +262,7 @@ class ResetMap(Map):
         while time < self.time_limit:
             hit = self.flow.next_crossing(here, self._surface, self.time_limit - time)
             here, time = hit.state, time + hit.time
-            if self.flow.armed(here) > 0.0:
+            if _number(self.flow, ".armed", self.flow.armed(here)) > 0.0:
                 return Crossing(time, here)
         raise NoCrossing(f"no jump within {self.time_limit}")
 

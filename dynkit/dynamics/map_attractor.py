@@ -175,6 +175,12 @@ class MapAttractor(Attractor, SavedWithSystem):
             return np.inf
         return max(worst, *(self._parted(seed, least) for seed in range(_TWINS)))
 
+    def error_until(self, latest: int) -> float:
+        """Return the `error` of the states up to this iterate, also beyond the kept ones."""
+        if latest < len(self._states):
+            return self.error
+        return MapAttractor(self._system, self._start, self._transient, latest + 1).error
+
     def _parted(self, seed: int, least: float) -> float:
         """Return the largest distance of the kept states to a run with disturbed iterates."""
         signs = np.random.default_rng(seed)

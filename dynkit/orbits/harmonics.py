@@ -24,6 +24,8 @@ SHARE = 0.99
 
 # Least number of intervals of a period for one harmonic.
 _FEWEST = 4
+# Changes by aliasing per second difference of n samples and per jump, times n.
+_OF_BENDS, _OF_JUMPS = (math.pi**2 - 4.0) / TWO_PI**2, math.sqrt(0.25 + 1.0 / math.pi**2)
 # Largest number of intervals for counting harmonics.
 _MOST = 1 << 17
 
@@ -94,7 +96,9 @@ class Harmonics(Saved):
     @cached_property
     def shares(self) -> Array:
         """Share of the variance, (h,), that the strongest 1, 2, ..., h harmonics hold together."""
-        held = np.cumsum(np.sort(self.power)[::-1])
+        sizes = abs(self.coefficients)
+        relative = sizes / (float(sizes.max()) or 1.0)  # squares of small ones would vanish
+        held = np.cumsum(np.sort(relative**2)[::-1])
         return np.asarray(held / held[-1] if held[-1] > 0.0 else np.ones_like(held))
 
     def count(self, share: float = SHARE) -> int:
@@ -110,7 +114,7 @@ class Harmonics(Saved):
         part = finite_scalar("share", share)
         if not 0.0 < part < 1.0:
             raise ValueError(f"share must lie in (0, 1); got {part}")
-        return int(np.searchsorted(self.shares, part)) + 1 if self.power.any() else 0
+        return int(np.searchsorted(self.shares, part)) + 1 if self.coefficients.any() else 0
 
 
 def harmonics_of(values: object, frequency: float) -> Harmonics:
@@ -126,6 +130,10 @@ def harmonics_of(values: object, frequency: float) -> Harmonics:
     is the error estimate, with V from the samples: the sum of their second differences is V, or
     less where the velocity reverses between two samples. The rounding of the samples, and the
     difference of the last and the first sample, are added.
+
+    A jump of x by J, as of velocities at impacts, changes them by at most (1/4 + 1/pi^2)^(1/2) J /
+    n. It has two successive second differences of opposite sign: the smaller one of each such pair
+    counts as a jump.
 
     Parameters
     ----------
@@ -168,15 +176,17 @@ def harmonics_of(values: object, frequency: float) -> Harmonics:
     # without the mean: the transform of a large constant would add rounding to all coefficients
     moving = period - period.mean()
     coefficients = np.asarray(np.fft.rfft(moving)[1 : (n - 1) // 2 + 1] / n)
-    # sum of the jumps of the slope, times the interval T / n
-    bends = float(abs(np.diff(period, 2, prepend=period[-1], append=period[0])).sum())
-    folded = (math.pi**2 - 4.0) * bends / (TWO_PI**2 * n)
+    # jumps of the slope, times the interval T / n
+    bends = np.diff(period, 2, prepend=period[-1], append=period[0])
+    after = np.roll(bends, -1)
+    jumps = np.where(bends * after < 0.0, np.minimum(abs(bends), abs(after)), 0.0)
+    folded = (_OF_BENDS * abs(bends).sum() + (_OF_JUMPS - 2.0 * _OF_BENDS) * jumps.sum()) / n
     gap = abs(float(samples[-1] - samples[0]))
     rounding = 2.0**-52 * math.log2(2 * n) * float(abs(samples).max())
     return Harmonics(
         fundamental,
         coefficients,
-        folded + gap + rounding,
+        float(folded) + gap + rounding,
         Cost(time.perf_counter() - began, {"samples": n + 1}),
     )
 

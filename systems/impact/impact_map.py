@@ -140,7 +140,7 @@ class ImpactMap(DrivenStructure, Map):
             if isinstance(before, float):
                 ignored = after == before != value
             elif name in _FORCES:
-                ignored = np.array_equal(found, own) and not np.array_equal(value, own)
+                ignored = np.array_equal(after, before) and not np.array_equal(value, before)
             if ignored:
                 kind = type(self).__name__
                 shown = f"{before:.16g}" if isinstance(before, float) else before

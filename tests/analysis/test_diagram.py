@@ -287,6 +287,17 @@ def test_negative_flight_is_refused_by_place() -> None:
         ChatterRatios(np.array([1.0, -1.0]))
 
 
+def test_a_flight_of_no_duration_has_a_ratio_with_an_error() -> None:
+    chatter = ChatterRatios(np.array([4.0, 2.0, 0.0]))
+    assert chatter.ratios.tolist() == [0.5, 0.0]
+    assert chatter.error[1] == pytest.approx(0.5 * np.spacing(6.0), rel=1e-12)
+
+
+def test_a_limit_that_is_no_number_is_refused() -> None:
+    with pytest.raises(ValueError, match="limit must be a finite number; got nan"):
+        ChatterRatios(np.array([4.0, 2.0, 1.0])).deviation(np.nan, first=1, last=2)
+
+
 def test_bounces_beyond_the_event_are_refused() -> None:
     with pytest.raises(ValueError, match="last must not exceed the event's 2 bounces; got 5"):
         ChatterRatios(np.array([3.0, 2.0, 1.0])).deviation(0.5, first=1, last=5)

@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from scipy import signal
 
 from dynkit import MapAttractor
 from dynkit.analysis import CorrelationDimension
@@ -257,10 +258,33 @@ def test_diameter_bounds_all_distances(norm: Norm) -> None:
     assert norm == "euclidean" or found.diameter == distances.max()
 
 
+@pytest.mark.parametrize("n", [1000, 4000, 12_000])
+def test_errors_of_sets_with_wide_gaps_cover_their_dimension(n: int) -> None:
+    # A baker's map that contracts two strips to a: the curve is a staircase with steps from slope 1
+    # to 2, a factor 1 / a wide; on average its slope is 1 + ln 2 / ln(1 / a).
+    random, covered = np.random.default_rng(n), 0
+    for contraction in random.uniform(0.005, 0.1, 12):
+        strips = random.integers(0, 2, n + 100).astype(float)
+        x = signal.lfilter([0.5], [1.0, -0.5], strips[::-1])[::-1]
+        y = signal.lfilter([1.0 - contraction], [1.0, -contraction], np.append(0.0, strips[:-1]))
+        found = CorrelationDimension(np.stack([x, y], axis=1)[50:-50])
+        exact = 1.0 - np.log(2.0) / np.log(contraction)
+        covered += abs(found.value - exact) <= 2.0 * found.error
+        covered += abs(found.takens.value - exact) <= 2.0 * found.takens.error
+    assert covered >= 21  # two errors cover 95 %: of 24, fewer than 21 in 3 % of such tests
+
+
 def test_largest_radius_is_a_tenth_of_the_diameter(henon: CorrelationDimension) -> None:
     assert henon.sums.radii[-1] == pytest.approx(0.1 * henon.diameter)
     wider = CorrelationDimension(henon.states[:500], largest=1.0)
     assert wider.sums.radii[-1] == 1.0
+
+
+def test_a_radius_beyond_all_states_does_not_make_them_one_point() -> None:
+    states = np.random.default_rng(0).normal(size=(300, 3))
+    found = CorrelationDimension(states, largest=1e9)
+    assert found.outcome is Outcome.NONE
+    assert found.sums.radii[-1] == found.diameter
 
 
 @pytest.mark.parametrize("n", [1, 2, 3, 50, 51])

@@ -24,6 +24,7 @@ from dynkit.systems import (
     Logistic,
     Lorenz,
     Rossler,
+    StandardMap,
     SymbolicFlow,
 )
 from tests.example_systems import CircleRotation, DampedRotation
@@ -113,6 +114,20 @@ def test_a_torus_has_an_exponent_of_zero() -> None:
     assert spectrum.dimension == pytest.approx(1.0, abs=1e-6)
 
 
+@pytest.mark.parametrize("iterations", [128, 500, 2000])
+def test_regular_motions_of_a_conservative_map_have_exponents_of_zero(iterations: int) -> None:
+    # Around the centre of its island, at k < 0.6, disturbances grow in proportion to the time.
+    random, covered = np.random.default_rng(0), 0
+    for _ in range(20):
+        start = [random.uniform(2.5, 3.7), random.uniform(-0.3, 0.3)]
+        chart = StandardMap(random.uniform(0.05, 0.6))
+        spectrum = LyapunovSpectrum.of_map(chart, start, iterations=iterations)
+        covered += bool((abs(spectrum.exponents) <= 2.0 * spectrum.error).all())
+        assert abs(spectrum.sum) <= spectrum.sum_error + 1e-15
+        assert spectrum.sum_error < 1e-10
+    assert covered == 20
+
+
 def test_what_rounding_hides_is_no_number() -> None:
     @dataclass(frozen=True)
     class Flat(Map):
@@ -135,6 +150,38 @@ def test_a_rotation_in_closed_form() -> None:
     spectrum = LyapunovSpectrum.of_map(CircleRotation(1.0), [0.3, 0.2], iterations=200)
     assert spectrum.exponents == pytest.approx([0.0, np.log(0.5)], abs=1e-15)
     assert spectrum.dimension == 1.0
+
+
+class Strips(Map):
+    """A baker's map whose strips have these widths and are all contracted to a fifth."""
+
+    dimension = 2
+
+    def __init__(self, *widths: float) -> None:
+        self.widths, self.edges = widths, np.append(0.0, np.cumsum(widths))
+
+    def __call__(self, state: Array) -> Array:
+        strip = self.strip(state)
+        x = (state[0] - self.edges[strip]) / self.widths[strip]
+        return np.array([x, 0.2 * state[1] + 0.3 * strip])
+
+    def jacobian(self, state: Array) -> Array:
+        return np.diag([1.0 / self.widths[self.strip(state)], 0.2])
+
+    def strip(self, state: Array) -> int:
+        return int(np.searchsorted(self.edges[1:-1], state[0], side="right"))
+
+
+def test_the_error_of_the_dimension_covers_an_exponent_that_may_be_zero() -> None:
+    # The largest exponent is the entropy of the widths; it is small, and so are 300 iterates.
+    random, widths, covered = np.random.default_rng(0), (0.99, 0.01), []
+    exact = 1.0 - sum(p * np.log(p) for p in widths) / np.log(5.0)
+    for start in random.uniform(size=(40, 2)):
+        spectrum = LyapunovSpectrum.of_map(Strips(*widths), start, iterations=300)
+        if np.ptp(spectrum._run[0][:, 0]) > 0.0:  # some starts never come to the narrow strip
+            covered.append(abs(spectrum.dimension - exact) <= 2.0 * spectrum.dimension_error)
+    assert len(covered) >= 30
+    assert sum(covered) >= 0.9 * len(covered)
 
 
 # --- flows ---------------------------------------------------------------------------------------

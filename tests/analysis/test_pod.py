@@ -340,6 +340,20 @@ def test_bad_samples_are_refused(source: Any, times: Any, message: str) -> None:
         POD(source, times)
 
 
+@pytest.mark.parametrize(
+    ("unit", "limit"), [(1e200, "not exceed 1e+145 in"), (1e-200, "be zero, or at least 1e-145 in")]
+)
+def test_samples_whose_squares_are_no_numbers_are_refused(unit: float, limit: str) -> None:
+    with pytest.raises(ValueError, match=re.escape(f"source must {limit} size; got {unit:g}")):
+        POD([[unit], [0.5 * unit]])
+
+
+@pytest.mark.parametrize("unit", [1e-200, 1e200])
+def test_modal_assurance_does_not_depend_on_units(unit: float) -> None:
+    assurance = POD([[3.0, 0.0], [0.0, 1.0]]).modal_assurance(unit * np.eye(2))
+    assert assurance == pytest.approx(np.eye(2), abs=1e-15)
+
+
 def test_constant_samples_do_not_move_about_their_mean() -> None:
     with pytest.raises(ValueError, match="source must move about its mean"):
         POD(np.full((9, 2), 0.1), about="mean")

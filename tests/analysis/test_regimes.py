@@ -180,6 +180,24 @@ def test_periodic_motions_and_tori_do_not_change() -> None:
     assert regime_change(np.full((400, 2), 0.3)) is None
 
 
+def test_chaos_of_few_values_does_not_become_periodic() -> None:
+    # between rare events such an observable is constant for 100 states and more
+    random = np.random.default_rng(0)
+    runs = (random.uniform(size=(1000, 2000)) < 0.01).astype(float)
+    alarms = sum(regime_change(run[:, None]) is not None for run in runs.T)
+    assert alarms <= FalseAlarms(2000, 0).most
+
+
+def test_a_column_that_is_periodic_throughout_hides_no_change() -> None:
+    states = Switched(1500, 3.2).iterate(np.array([0.3, 0.0]), 3000)[:, 0]
+    driver = np.arange(3001.0) % 3.0
+    change = regime_change(np.column_stack([driver, states]))
+    assert change == regime_change(states[:, None])
+    assert change is not None
+    assert change.periodic
+    assert regime_change(driver[:, None]) is None
+
+
 def test_few_states_show_no_change() -> None:
     assert regime_change(np.repeat([[0.0], [1.0]], 60, axis=0)) is None
 

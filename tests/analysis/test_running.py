@@ -359,6 +359,10 @@ def test_memory_does_not_grow_with_the_number_of_blocks() -> None:
     [
         (lambda: RunningHistogram("x", low=1.0, high=1.0), "high must exceed low = 1.0; got 1.0"),
         (lambda: RunningHistogram("x", low=0, high=1, bins=0), "bins must be a positive integer"),
+        (
+            lambda: RunningHistogram("x", low=1.0, high=1.0 + 2.0**-50, bins=10),
+            "bins must be wider than rounding; got 10 of them",
+        ),
         (lambda: RunningHistogram("x", low=np.nan, high=1), "low must be a finite number"),
         (
             lambda: RunningPOD(about="zero"),  # type: ignore[arg-type]

@@ -137,11 +137,19 @@ def test_periods_of_an_array_are_refused() -> None:
         StroboscopicSection(np.eye(2), periods=3)
 
 
+def test_phases_just_below_zero_are_below_two_pi() -> None:
+    assert StroboscopicSection(np.eye(2), phase=-1e-17).phase == 0.0
+    assert ImpactSection(np.array([[0.1, -1e-17]])).phase.tolist() == [0.0]
+
+
 @pytest.mark.parametrize("section", [StroboscopicSection, ImpactSection])
 def test_unknown_coordinates_are_refused(section: Any) -> None:
     _, (axes,) = new_figure()
     with pytest.raises(ValueError, match=re.escape("coordinates[1] must lie in [-2, 1]; got 2")):
         section(np.eye(2)).plot(axes, coordinates=(0, 2))
+    for wrong in (3, (0,), (0, 1, 1)):
+        with pytest.raises(ValueError, match="coordinates must be two numbers of coordinates; got"):
+            section(np.eye(2)).plot(axes, coordinates=wrong)
 
 
 # --- figures --------------------------------------------------------------------------------------

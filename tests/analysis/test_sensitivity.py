@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from fractions import Fraction
+
 import numpy as np
 import pytest
 
@@ -10,7 +12,7 @@ from dynkit.analysis.lyapunov import LyapunovSpectrum
 from dynkit.analysis.sensitivity import Sensitivity
 from dynkit.core.validation import Array
 from dynkit.dynamics.attractor import Attractor
-from dynkit.systems import Henon, ImpactChain
+from dynkit.systems import Henon, ImpactChain, Logistic
 from tests.example_systems import CircleRotation
 
 # Cusumano and Bai, section 4: 1e-8 apart, "the periodic orbits showed no change, but chaotic
@@ -95,6 +97,19 @@ def test_bad_arguments_are_refused(distance: float, iterations: int, message: st
     attractor = MapAttractor(Henon(), np.array([0.1, 0.1]), transient=100, iterations=1)
     with pytest.raises(ValueError, match=message):
         Sensitivity(attractor, distance, iterations)
+
+
+def test_the_error_of_an_iterate_is_that_of_both_motions() -> None:
+    random = np.random.default_rng(0)
+    for rate in random.uniform(3.5, 4.0, 300):
+        attractor = MapAttractor(
+            Logistic(rate), random.uniform(0.1, 0.9, 1), transient=5, iterations=1
+        )
+        found = Sensitivity(attractor, distance=random.uniform(1e-9, 1e-4), iterations=1)
+        x = Fraction(float(attractor.states[-1, 0]))
+        first = Fraction(float(attractor.states[-1, 0] + found._distance)) - x
+        exact = abs(Fraction(float(rate)) * first * (1 - 2 * x - first))
+        assert abs(Fraction(float(found.distances[1])) - exact) <= found.error
 
 
 def test_what_is_no_attractor_is_refused() -> None:

@@ -8,11 +8,12 @@ from typing import Any
 import numpy as np
 import pytest
 import sympy as sp
+from flint import arb, ctx
 
 from dynkit.analysis import PowerSpectrum, TimeSeries
 from dynkit.dynamics.map_attractor import MapAttractor
 from dynkit.plotting.figures import new_figure
-from dynkit.systems import Element, HardStop, Henon, ImpactChain, SoftStop, SymbolicMap
+from dynkit.systems import Element, HardStop, Henon, ImpactChain, Logistic, SoftStop, SymbolicMap
 from dynkit.systems.impact.oscillators.attractor import ImpactAttractor
 
 
@@ -116,6 +117,17 @@ def test_error_beyond_the_kept_impacts_grows_in_chaos() -> None:
     end = float(attractor.record.time[-1])
     # its states are lost after some hundred impacts
     assert TimeSeries(attractor, [0.0, 100.0 * end]).error > 1e3 * attractor.error
+
+
+@pytest.mark.parametrize("latest", [3, 20, 40, 60, 200])
+def test_error_of_a_map_covers_states_beyond_the_kept_ones(latest: int) -> None:
+    attractor = MapAttractor(Logistic(4.0), np.array([0.3]), transient=10, iterations=5)
+    series = TimeSeries(attractor, [0.0, float(latest)])
+    # x_n = sin^2(2^n arcsin sqrt(x_0)), in many digits
+    with ctx.workdps(100):
+        angle = 2**latest * arb(float(attractor.states[0, 0])).sqrt().asin()
+        exact = float(angle.sin() ** 2)
+    assert abs(float(series.values[-1]) - exact) <= series.error
 
 
 def test_error_of_an_array_is_zero() -> None:

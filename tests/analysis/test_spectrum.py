@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -204,6 +205,32 @@ def test_cost_counts_the_samples() -> None:
 def test_bad_choices_are_refused(choices: dict[str, Any], message: str) -> None:
     with pytest.raises(ValueError, match=re.escape(message)):
         PowerSpectrum(noise(100), **choices)
+
+
+def test_ends_of_a_level_spectrum_have_parts_of_its_density() -> None:
+    spectrum = PowerSpectrum(noise(1 << 20), interval=0.3, segments=4095)
+    parts = spectrum.density * np.pi / 0.3
+    # one standard error of a density is 1.3 %, at both ends 1.9 % of the part
+    assert parts[[0, 1, 2, -2, -1]] == pytest.approx([1 / 6, 5 / 6, 1.0, 1.0, 0.5], rel=0.06)
+
+
+@pytest.mark.parametrize("count", [1000, 1001, 1007])
+def test_powers_of_adjacent_bands_add_up(count: int) -> None:
+    spectrum = PowerSpectrum(noise(count), interval=0.3)
+    limits = np.append(0.0, np.sort(np.random.default_rng(0).uniform(0.0, np.pi / 0.3, 500)))
+    limits = np.append(limits, spectrum.nyquist)
+    powers = [spectrum.power(a, b) for a, b in pairwise(limits)]
+    total = spectrum.density.sum() * spectrum.frequencies[1]
+    assert sum(powers) == pytest.approx(total, rel=1e-12)
+    step = float(spectrum.frequencies[1])
+    narrow = spectrum.power(7.1 * step, 7.3 * step)
+    assert narrow == pytest.approx(0.2 * step * spectrum.density[7], rel=1e-12)
+
+
+def test_values_whose_squares_underflow_are_refused() -> None:
+    message = "source must be zero, or at least 1e-145 in size; got 1e-200"
+    with pytest.raises(ValueError, match=message):
+        PowerSpectrum(1e-200 * np.sign(noise(100)), 1.0)
 
 
 def test_values_whose_squares_overflow_are_refused() -> None:

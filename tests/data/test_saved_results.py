@@ -15,7 +15,7 @@ import pytest
 
 import dynkit
 import dynkit.data.store
-from dynkit import Bifurcation, Criticality, analysis
+from dynkit import Bifurcation, analysis
 from dynkit.analysis import (
     POD,
     BifurcationDiagram,
@@ -25,7 +25,6 @@ from dynkit.analysis import (
     SpaceTime,
     TimeSeries,
 )
-from dynkit.analysis.dimension.sums import CorrelationSums
 from dynkit.core.validation import Array
 from dynkit.data.dataset import Dataset
 from dynkit.data.result import Result, Saved, SavedWithSystem
@@ -99,6 +98,8 @@ def results() -> dict[str, Any]:
         ).periodic_orbit(sticking=True),
         "ImpactRecord": motion.record,
         "ImpactRecord by Taylor's method": smooth,
+        "CorrelationSums": CorrelationDimension(states).sums,
+        "Criticality": doubling.criticality,
         "EnergyBalance": motion.record.energy_balance(),
         "SecondMoments": motion.second_moments(),
         "Harmonics": PowerSpectrum(motion, samples=2048).lines,
@@ -126,7 +127,15 @@ NAMES = (
     *("OrbitSearch without orbits", "OrbitSearch of a machine", "Equilibrium", "FamilySolution"),
     *("ImpactAttractor", "ImpactAttractor of several elements", "ImpactOrbit"),
     *("ImpactOrbit of several elements", "ImpactOrbit that sticks", "ImpactRecord"),
-    *("ImpactRecord by Taylor's method", "EnergyBalance", "SecondMoments", "Harmonics", "Modes"),
+    *(
+        "ImpactRecord by Taylor's method",
+        "CorrelationSums",
+        "Criticality",
+        "EnergyBalance",
+        "SecondMoments",
+        "Harmonics",
+        "Modes",
+    ),
 )
 EACH = pytest.mark.parametrize("name", NAMES)
 
@@ -190,7 +199,7 @@ def test_every_public_result_is_exported_and_saved(results: dict[str, Any]) -> N
     said = {"cost", "error"}
     kinds = [kind for kind in met if said <= {*dir(kind), *inspect.get_annotations(kind)}]
     others = {kind for kind in kinds if not issubclass(kind, Result)}
-    assert others == {OrbitLabel, Bifurcation, Criticality, CorrelationSums, Root}
+    assert others == {OrbitLabel, Bifurcation, Root}
     final = {kind for kind in met if issubclass(kind, Result) and hasattr(kind, "__final__")}
     assert {type(result) for result in results.values()} == {*final, FamilySolution}
     assert all(hasattr(kind, "save") and hasattr(kind, "load") for kind in final)

@@ -377,6 +377,16 @@ class Short(Wheel):
         return (angle,)
 
 
+class Worded(PlainWheel):
+    def guard(self, state: Array) -> Any:
+        return "below"
+
+
+class Disarmed(PlainWheel):
+    def armed(self, state: Array) -> Any:
+        return None
+
+
 class Choosing(Wheel):
     def guard(self, angle: Any, rate: Any) -> Any:
         return angle if rate > 0 else -angle
@@ -399,6 +409,14 @@ class Choosing(Wheel):
         (lambda: CompassGait(leg_mass=0.0), "leg_mass must be positive"),
         (lambda: SimplestWalker(slope=float("nan")), "slope must be a finite number"),
         (lambda: steps(Short())([0.0, 1.0]), r"Short\.reset must return 2 expressions"),
+        (
+            lambda: steps(Worded())([0.2, 1.0]),
+            r"Worded\.guard must return a real number; got 'below'",
+        ),
+        (
+            lambda: steps(Disarmed())([0.2, 1.0]),
+            r"Disarmed\.armed must return a real number; got None",
+        ),
         (lambda: steps(Wheel())([0.0]), r"state must have shape \(2,\)"),
         (lambda: steps(Wheel()).parameter_derivative([0.0, 1.0], "mass"), "parameter must be one"),
     ],

@@ -81,6 +81,19 @@ def test_the_chain_balances(frequency: float) -> None:
         assert balance.dissipated["table"] == pytest.approx(lost, rel=1e-12)
 
 
+@pytest.mark.parametrize("restitution", [0.05, 0.2, 0.4])
+def test_a_motion_that_starts_among_left_out_bounces_balances(restitution: float) -> None:
+    chain = ImpactChain(masses=1, frequency=0.5, restitution=restitution)
+    run = chain.simulate(impacts=200)
+    (chattering,) = np.nonzero(run.relative_velocity < 1e-5)
+    assert len(chattering) >= 3
+    for last in chattering[:-1].tolist():
+        record = chain.attractor(transient=last + 1, impacts=5).record
+        balance = record.energy_balance()
+        assert record.start.relative_velocity == run.relative_velocity[last]
+        assert balance.error < 1e-12 * max(map(abs, balance.work.values()))
+
+
 def test_special_oscillators_balance() -> None:
     for system in (
         PlayOscillator(play=1.0, amplitude=0.2, frequency=1.0, restitution=0.5),

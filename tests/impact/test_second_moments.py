@@ -148,7 +148,7 @@ def test_batches_may_be_given_by_their_edges() -> None:
     assert given.products.tobytes() == alike.products.tobytes()
     parts = record.second_moments([0, 1, 37, 50])
     assert parts.durations == pytest.approx(np.diff([0.0, *record.time[[0, 36, 49]]]))
-    for edges in ([0, 49], [1, 50], [0, 20, 20, 50], [0, 1.5, 50]):
+    for edges in ([], [0, 49], [1, 50], [0, 20, 20, 50], [0, 1.5, 50]):
         with pytest.raises(ValueError, match="batches"):
             record.second_moments(edges)  # type: ignore[arg-type]
 

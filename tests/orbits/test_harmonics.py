@@ -82,6 +82,17 @@ def test_error_estimate_holds_wherever_the_kinks_are(phase: float) -> None:
     assert abs(found.coefficients - exact).max() <= found.error
 
 
+@pytest.mark.parametrize("samples", [5, 8, 64, 1001])
+def test_error_estimate_holds_for_jumps(samples: int) -> None:
+    # t modulo 1 less a half, for a jump at t_0: c_k = i exp(-2 pi i k t_0) / (2 pi k)
+    k = np.arange(1, (samples - 1) // 2 + 1)
+    for place in np.random.default_rng(0).uniform(size=50):
+        t = np.arange(samples + 1) / samples
+        found = harmonics_of((t - place) % 1.0 - 0.5, 2.0 * np.pi)
+        exact = 1j * np.exp(-2j * np.pi * k * place) / (2.0 * np.pi * k)
+        assert abs(found.coefficients - exact).max() <= found.error
+
+
 def test_powers_are_the_mean_squares_of_sines() -> None:
     t = np.linspace(0.0, TWO_PI, 33)
     found = harmonics_of(7.0 + 2.0 * np.cos(t) - 3.0 * np.sin(4.0 * t), 1.0)
@@ -160,6 +171,12 @@ def test_strongest_harmonics_are_counted_first() -> None:
     found = harmonics_of(np.sin(t) + 10.0 * np.sin(5.0 * t), 1.0)
     assert found.shares[:2] == pytest.approx([100.0 / 101.0, 1.0], rel=1e-14)
     assert (found.count(0.99), found.count(0.991)) == (1, 2)
+
+
+def test_counts_do_not_depend_on_units() -> None:
+    t = np.linspace(0.0, 2.0 * np.pi, 65)
+    x = 2.0 * np.cos(t) + 0.5 * np.sin(5.0 * t)
+    assert [harmonics_of(unit * x, 1.0).count() for unit in (1e-200, 1.0)] == [2, 2]
 
 
 def test_rest_has_no_harmonics() -> None:

@@ -6,7 +6,7 @@ import time
 from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import dataclass, field
-from typing import Any, TypeAlias, final
+from typing import Any, ClassVar, TypeAlias, final
 
 import numpy as np
 from scipy.linalg import eig
@@ -16,6 +16,8 @@ from dynkit.core.cost import Cost
 from dynkit.core.differences import extrapolated
 from dynkit.core.no_motion import NoMotion
 from dynkit.core.validation import Array
+from dynkit.data.dataset import Dataset, described
+from dynkit.data.result import Saved
 from dynkit.orbits.equations import Problem
 from dynkit.orbits.newton import ROUNDING, NoSolution
 from dynkit.orbits.problem import PeriodicProblem
@@ -32,8 +34,8 @@ _RESONANT = 1e-6
 
 
 @final
-@dataclass(frozen=True)
-class Criticality:
+@dataclass(frozen=True, repr=False)
+class Criticality(Saved):
     """The orbits born at a bifurcation: their side and their stability.
 
     Parameters
@@ -73,12 +75,31 @@ class Criticality:
     <PD at rate 3> supercritical, stable, at larger values
     """
 
+    _stored: ClassVar = ("coefficient", "error", "side", "supercritical", "stable", "cost")
     coefficient: float
     error: float
     side: int
     supercritical: bool | None
     stable: bool | None
     cost: Cost = field(compare=False)
+
+    def dataset(self) -> Dataset:
+        """Return the coefficient, its error and the side as a dataset of one ``bifurcation``."""
+        each = "bifurcation"
+        return Dataset(
+            {},
+            {
+                "coefficient": (each, [self.coefficient]),
+                "error": (each, [self.error]),
+                "side": (each, [self.side]),
+            },
+            described(
+                "Criticality of a bifurcation",
+                cost=self.cost,
+                error="estimate of the error of the coefficient",
+                orbits=str(self),
+            ),
+        )
 
     def __repr__(self) -> str:
         return f"<Criticality: {self}; coefficient {self.coefficient:.6g}, error {self.error:.1e}>"

@@ -12,6 +12,7 @@ from dynkit.core.cost import Cost
 from dynkit.core.validation import Array
 from dynkit.data.dataset import Dataset, described
 from dynkit.data.result import Saved
+from dynkit.systems.impact.elements.element import EventKind
 from dynkit.systems.impact.modes.taylor.mode import TaylorMode
 from dynkit.systems.impact.records.event_counts import element_names
 from dynkit.systems.impact.records.observables import applied, forces_on, gap_of, jumps
@@ -115,7 +116,10 @@ def energy_balance(system: ImpactMap, run: Trajectory) -> EnergyBalance:
     events = _impacts(system, run, sums)
     s = run.segments
     last = int(np.searchsorted(s.point, run.impacts))
-    first = min(int(np.searchsorted(s.begin, 0.0, side="right")) - 1, last)
+    # the regimes of the start may be decided anew; a contact, after left-out bounces, takes energy
+    starts = int(np.searchsorted(s.begin, 0.0, side="right"))
+    contacts = np.flatnonzero(s.kind[1:starts] == EventKind.CONTACT)
+    first = min(int(contacts[0]) if len(contacts) else starts - 1, last)
     energies = []
     mode: Any
     for i, sign in ((first, 1.0), (last, -1.0)):

@@ -682,7 +682,7 @@ class ImpactRecord(SavedWithSystem):
             raise ValueError(f"record must hold an impact after its start; got {self!r}")
         if np.ndim(batches):
             edges = ascending("batches", batches).astype(np.intp)
-            if not (edges == batches).all() or [edges[0], edges[-1]] != [0, len(self)]:
+            if not (edges == batches).all() or [*edges[:1], *edges[-1:]] != [0, len(self)]:
                 raise ValueError(f"batches must lead from 0 to {len(self)}; got {batches!r}")
         else:
             count = min(positive_integer("batches", batches), len(self))
