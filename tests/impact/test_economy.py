@@ -31,6 +31,7 @@ from dynkit.systems.impact.simulation.automaton import Automaton
 from dynkit.systems.impact.simulation.runs import Course, course_from
 from dynkit.systems.impact.simulation.trajectory import Ending, Impacts
 from dynkit.systems.impact.variational import tangents
+from dynkit.systems.structure.lagrangian import shared_derivation
 from tests.reference.random_machines import random_machine
 
 
@@ -110,11 +111,11 @@ def test_all_points_of_a_plane_look_for_their_energies_once(
 ) -> None:
     looked: list[ImpactOscillator] = []
 
-    def counted(system: Any, plain: Any = driven_structure.shared_derivation) -> Any:
+    def counted(system: Any, plain: Any = shared_derivation) -> Any:
         looked.append(system)
         return plain(system)
 
-    monkeypatch.setattr(driven_structure, "shared_derivation", counted)
+    monkeypatch.setattr(f"{driven_structure.__name__}.shared_derivation", counted)
     values = {"frequency": [0.86, 0.87, 0.88], "restitution": [0.8, 0.85, 0.9]}
     counts = []
     for few in (1, 3):

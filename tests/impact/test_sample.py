@@ -251,7 +251,7 @@ class CoupledByPhase(ImpactOscillator):
 
     degrees_of_freedom = 2
 
-    def kinetic(self, v: Any, phase: Any) -> Any:
+    def kinetic(self, v: Any, phase: Any) -> Any:  # type: ignore[override]
         return (v[0] ** 2 + v[1] ** 2 + sp.cos(phase) * v[0] * v[1]) / 2
 
     def potential(self, x: Any) -> Any:

@@ -52,7 +52,8 @@ def _bouncing(
     automaton, elements = oscillator._automaton, oscillator._elements
     mode, stop = automaton.modes[guard.mode], elements[guard.element]
     if isinstance(mode, TaylorMode) and not mode.constant_kicks:
-        turns = run.segments.of(mode, some)[:, :, -1]  # those at which the bounces were completed
+        # sine and cosine where the bounces were completed
+        turns = run.segments.states[some, :, mode.layout.slots - 1]
         phases = np.arctan2(turns[:, 0], turns[:, 1]).tolist()
         moved = np.empty(x.shape)
         for i, (at, phase) in enumerate(zip(x, phases, strict=True)):
