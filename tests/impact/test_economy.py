@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from dynkit import sweep
+from dynkit import parameter_map, sweep
 from dynkit.core.validation import Array
 from dynkit.exponential import propagators
 from dynkit.exponential.propagators import padded
@@ -28,9 +28,11 @@ from dynkit.systems.impact.oscillators.play import PlayOscillator
 from dynkit.systems.impact.records.record import ImpactRecord
 from dynkit.systems.impact.simulation import runs
 from dynkit.systems.impact.simulation.automaton import Automaton
+from dynkit.systems.impact.simulation.driven_structure import DrivenStructure
 from dynkit.systems.impact.simulation.runs import Course, course_from
 from dynkit.systems.impact.simulation.trajectory import Ending, Impacts
 from dynkit.systems.impact.variational import tangents
+from dynkit.systems.structure.lagrangian import shared_derivation
 from tests.reference.random_machines import random_machine
 
 
@@ -103,6 +105,27 @@ def test_contact_at_another_frequency_takes_no_modes_anew(
         monkeypatch.setattr(basis, "coordinates", counted)
     make_ready(system.replace(frequency=0.7))
     assert max(rows) <= 3  # sine and cosine of the table, and the rest
+
+
+def test_all_points_of_a_plane_look_for_their_energies_once(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    looked: list[ImpactOscillator] = []
+
+    def counted(system: Any, plain: Any = shared_derivation) -> Any:
+        looked.append(system)
+        return plain(system)
+
+    monkeypatch.setattr(f"{DrivenStructure.__module__}.shared_derivation", counted)
+    values = {"frequency": [0.86, 0.87, 0.88], "restitution": [0.8, 0.85, 0.9]}
+    counts = []
+    for few in (1, 3):
+        looked.clear()
+        axes = {name: axis[:few] for name, axis in values.items()}
+        parameter_map(ImpactChain(masses=2, frequency=0.8), axes, keep=20, progress=False)
+        counts.append(len(looked))
+    # the check of arguments looks once for each value of a parameter
+    assert counts[1] - counts[0] == 2 * 2
 
 
 @pytest.mark.parametrize("size", [1, 2, 10, 37])
