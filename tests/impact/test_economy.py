@@ -26,8 +26,9 @@ from dynkit.systems.impact.oscillators.matrix import MatrixOscillator
 from dynkit.systems.impact.oscillators.oscillator import ImpactOscillator
 from dynkit.systems.impact.oscillators.play import PlayOscillator
 from dynkit.systems.impact.records.record import ImpactRecord
-from dynkit.systems.impact.simulation import driven_structure, runs
+from dynkit.systems.impact.simulation import runs
 from dynkit.systems.impact.simulation.automaton import Automaton
+from dynkit.systems.impact.simulation.driven_structure import DrivenStructure
 from dynkit.systems.impact.simulation.runs import Course, course_from
 from dynkit.systems.impact.simulation.trajectory import Ending, Impacts
 from dynkit.systems.impact.variational import tangents
@@ -115,7 +116,7 @@ def test_all_points_of_a_plane_look_for_their_energies_once(
         looked.append(system)
         return plain(system)
 
-    monkeypatch.setattr(f"{driven_structure.__name__}.shared_derivation", counted)
+    monkeypatch.setattr(f"{DrivenStructure.__module__}.shared_derivation", counted)
     values = {"frequency": [0.86, 0.87, 0.88], "restitution": [0.8, 0.85, 0.9]}
     counts = []
     for few in (1, 3):

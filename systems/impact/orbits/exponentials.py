@@ -191,7 +191,8 @@ def balanced(flows: Any, measures: Array) -> Array:
     """
     from scipy.linalg import matrix_balance
 
-    size = (abs(flows) * measures / measures[:, None]).max(axis=0, initial=0.0)
+    # imaginary parts are changes by a tiny step: alone between two coordinates they couple nothing
+    size = (abs(flows.real) * measures / measures[:, None]).max(axis=0, initial=0.0)
     if not np.isfinite(size).all():
         return measures
     own, _ = matrix_balance(size, permute=False, separate=True)[1]
