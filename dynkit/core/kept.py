@@ -66,15 +66,13 @@ def kept(
         known: dict[tuple[Any, ...], _Found] = vars(self).setdefault("_kept", {})
         key: tuple[Any, ...] = (name, *given)
         try:
-            if key in known:
-                return known[key]
-        except TypeError:  # arrays have no hash
+            hash(key)
+        except TypeError:  # arrays have none
             key = tuple(one.tobytes() if isinstance(one, np.ndarray) else one for one in key)
-            if key in known:
-                return known[key]
-        known[key] = made = method(self, *given, **none)
-        if isinstance(made, np.ndarray):
-            made.setflags(write=False)
-        return made
+        if key not in known:
+            known[key] = made = method(self, *given, **none)
+            if isinstance(made, np.ndarray):
+                made.setflags(write=False)
+        return known[key]
 
     return found

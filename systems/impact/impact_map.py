@@ -62,8 +62,7 @@ _OF_STRUCTURE = "_derivation", "_curves", "_structure", "_soft", "_sliders"
 _OF_ALL = (*_OF_STRUCTURE, "_stops", "_contacts", "_contact")
 """What oscillators share whose structures are the same; and whose tables are, too."""
 
-_FORCES = "harmonic_forces", "constant_forces"
-_ALONG = {"contact", "side", "play"}
+_FORCES, _ALONG = ("harmonic_forces", "constant_forces"), ("contact", "side", "play")
 
 
 @cache
@@ -150,14 +149,14 @@ class ImpactMap(DrivenStructure, Map):
     def _take(self, other: ImpactMap) -> None:
         """Take what follows from the same arguments from another oscillator, where it is known."""
         own, known = vars(self), vars(other)
-        pairs = ((name, value, known.get(name)) for name, value in own.items())
         # what a class checks is a new tuple each time
-        changed = {k for k, a, b in pairs if a is not b and not (type(a) is tuple and a == b)}
+        same = {k for k, a in own.items() if type(a) is tuple and a == known.get(k)}
+        changed = {k for k, a in own.items() if a is not known.get(k)} - same
         if changed <= independent(type(self)) - {"elements"}:
             names = _OF_STRUCTURE if changed.intersection(OF_TABLE) else _OF_ALL
             own.update({name: known[name] for name in names if name in known})
             # where stops are at rest does not matter, but along what they act
-            if "_progression" in known and not changed & _ALONG and self._motion is None:
+            if "_progression" in known and changed.isdisjoint(_ALONG) and self._motion is None:
                 own["_progression"] = known["_progression"]
 
     @property

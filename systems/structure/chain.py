@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from contextlib import suppress
 from dataclasses import dataclass
 from fractions import Fraction
 from typing import TYPE_CHECKING
@@ -51,28 +50,23 @@ def chain_links(strengths: Sequence[float | Fraction], x: tuple[sympy.Symbol, ..
 
 
 def chain_matrices(
-    masses: Sequence[float],
-    springs: Sequence[float | Fraction],
-    dashpots: Sequence[float | Fraction],
-) -> tuple[SymmetricMatrix, SymmetricMatrix, SymmetricMatrix]:
-    """M, C and K of `chain_kinetic` and `chain_links`, each element rounded once.
+    masses: Sequence[float], *links: Sequence[float | Fraction]
+) -> tuple[SymmetricMatrix, ...]:
+    """The matrices of `chain_kinetic`, and of `chain_links` for each set of strengths.
+
+    Each element is rounded once.
 
     Raises
     ------
     OverflowError
         When an element is no finite double.
     """
-    places = range(len(masses))
-    found = [
-        SymmetricMatrix.from_fractions(len(masses), {(i, i): Fraction(masses[i]) for i in places})
-    ]
-    for strengths in (dashpots, springs):
+    n, found = len(masses), [{(i, i): Fraction(mass) for i, mass in enumerate(masses)}]
+    for strengths in links:
         k = [*(Fraction(strength) for strength in strengths), Fraction(0)]
-        elements = {(i, i): k[i] + k[i + 1] for i in places}
-        elements |= {(i, i + 1): -k[i + 1] for i in places[:-1]}
-        found.append(SymmetricMatrix.from_fractions(len(masses), elements))
-    mass, damping, stiffness = found
-    return mass, damping, stiffness
+        found.append({(i, i): k[i] + k[i + 1] for i in range(n)})
+        found[-1] |= {(i, i + 1): -k[i + 1] for i in range(n - 1)}
+    return tuple(SymmetricMatrix.from_fractions(n, each) for each in found)
 
 
 def extensions(x: tuple[sympy.Symbol, ...]) -> tuple[sympy.Expr, ...]:
@@ -147,12 +141,6 @@ class Chain(LagrangianStructure):
 
     def dissipation(self, v: tuple[sympy.Symbol, ...]) -> sympy.Expr:
         return chain_links(self.dashpots, v)
-
-    def _matrices(self) -> tuple[SymmetricMatrix, SymmetricMatrix, SymmetricMatrix]:
-        if self._has_energies_of(Chain):
-            with suppress(OverflowError):  # an energy tells which element it is
-                return chain_matrices(self.masses, self.springs, self.dashpots)
-        return super()._matrices()
 
 
 def element_values(

@@ -318,9 +318,8 @@ def _rows(flat: list[sympy.Expr], width: int) -> list[list[sympy.Expr]]:
 
 def _arguments(structure: LagrangianStructure, name: str) -> tuple[str, ...]:
     """Names of the arguments of an energy; a single one may have any name."""
-    function: Any = getattr(structure, name)
-    plain = getattr(function, "__func__", function)
-    names = _names_of(plain)[plain is not function :]
+    function: Callable[..., Any] = getattr(structure, name)
+    names = tuple(inspect.signature(function).parameters)
     if len(names) == 1:
         return (_GIVEN[name],)
     known = _ARGUMENTS[name]
@@ -329,11 +328,6 @@ def _arguments(structure: LagrangianStructure, name: str) -> tuple[str, ...]:
             listed = ", ".join(known)
             raise TypeError(f"{name} must take arguments among {listed}; got {given}")
     return names
-
-
-@lru_cache(maxsize=256)  # asked for at every value of a parameter of a structure
-def _names_of(function: Callable[..., Any]) -> tuple[str, ...]:
-    return tuple(inspect.signature(function).parameters)
 
 
 def checked(name: str, given: object, known: set[sympy.Symbol]) -> sympy.Expr:

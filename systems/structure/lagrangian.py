@@ -151,7 +151,7 @@ class LagrangianStructure(Extensible, Shown, ABC):
             for name in ("kinetic", "potential", "dissipation")
         )
 
-    def _matrices(self) -> tuple[SymmetricMatrix, SymmetricMatrix, SymmetricMatrix]:
+    def _matrices(self) -> tuple[SymmetricMatrix, ...]:
         """M, C and K: second derivatives of the energies, each element rounded once."""
         size = positive_integer("degrees_of_freedom", self.degrees_of_freedom)
         v, x = symbols("v", size), symbols("x", size)

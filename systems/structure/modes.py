@@ -264,8 +264,7 @@ def _modes_of(given: Derivation) -> Modes:
 
 def _solved(stiffness: SymmetricMatrix, mass: SymmetricMatrix) -> Eigenpairs:
     """Eigenpairs of scaled K and M; the last ones are kept, as where the damping alone changes."""
-    both = stiffness, mass
-    key = tuple(a.tobytes() for m in both for a in (m.rows, m.columns, m.high, m.low))
+    key = tuple(a.tobytes() for m in (stiffness, mass) for a in (m.rows, m.columns, m.high, m.low))
     if key not in _last:
         _last.clear()
         _last[key] = refine(stiffness.scaled(-stiffness.exponent), mass.scaled(-mass.exponent))

@@ -35,13 +35,7 @@ from dynkit.systems.impact.orbits.itineraries.several_modes import divided, pass
 from dynkit.systems.impact.orbits.itineraries.several_modes.linear import LinearSolution
 from dynkit.systems.impact.orbits.itineraries.several_modes.shooting import ShootingSolution
 from dynkit.systems.impact.orbits.itineraries.several_modes.taylor import TaylorSolution
-from dynkit.systems.impact.orbits.machine import (
-    Changes,
-    Machine,
-    Regimes,
-    difference,
-    machine_of,
-)
+from dynkit.systems.impact.orbits.machine import Changes, Machine, Regimes, difference, machine_of
 from dynkit.systems.impact.simulation.parameters import changes_alone
 from dynkit.systems.impact.simulation.state import TWO_PI
 

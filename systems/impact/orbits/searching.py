@@ -193,10 +193,9 @@ def _add_returns(
 def _add_new(found: Found, guess: Guess, within: float) -> bool:
     """Try a guess that is not so near an orbit that was found; whether it was tried."""
     problem, x, states = guess
-    new = not found.holds(problem, x, within)
-    if new:
+    if not (held := found.holds(problem, x, within)):
         found.add(*anchored(problem, x, states))
-    return new
+    return not held
 
 
 def _near(

@@ -2,21 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from fractions import Fraction
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from dynkit.core.validation import SCALARS, positive_integer, within_memory
 from dynkit.systems.impact.oscillators.oscillator import ImpactOscillator
-from dynkit.systems.structure.chain import (
-    chain_kinetic,
-    chain_links,
-    chain_matrices,
-    element_values,
-)
-from dynkit.systems.structure.symmetric import SymmetricMatrix
+from dynkit.systems.structure import chain
+from dynkit.systems.structure.chain import element_values
 
 if TYPE_CHECKING:
     import sympy
@@ -83,18 +77,18 @@ class ImpactChain(ImpactOscillator):
         return self.masses if isinstance(self.masses, int) else len(self.masses)
 
     def kinetic(self, v: tuple[sympy.Symbol, ...]) -> sympy.Expr:
-        return chain_kinetic(self._masses, v)
+        return chain.chain_kinetic(self._masses, v)
 
     def potential(self, x: tuple[sympy.Symbol, ...]) -> sympy.Expr:
-        return chain_links(self._springs, x)
+        return chain.chain_links(self._springs, x)
 
     def dissipation(self, v: tuple[sympy.Symbol, ...]) -> sympy.Expr:
-        return chain_links(self._dashpots, v)
+        return chain.chain_links(self._dashpots, v)
 
-    def _matrices(self) -> tuple[SymmetricMatrix, SymmetricMatrix, SymmetricMatrix]:
+    def _matrices(self) -> Any:
         if self._has_energies_of(ImpactChain):
             with suppress(OverflowError):  # an energy tells which element it is
-                return chain_matrices(self._masses, self._springs, self._dashpots)
+                return chain.chain_matrices(self._masses, self._dashpots, self._springs)
         return super()._matrices()
 
     @property
@@ -102,7 +96,7 @@ class ImpactChain(ImpactOscillator):
         return (1.0,) * self.masses if isinstance(self.masses, int) else self.masses
 
     @property
-    def _dashpots(self) -> Sequence[float | Fraction]:
+    def _dashpots(self) -> Any:
         if isinstance(self.damping, tuple):
             return self.damping
         # Exact products: the damping stays exactly proportional to the stiffness.

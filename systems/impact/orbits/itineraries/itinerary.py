@@ -146,11 +146,8 @@ def events_seen(
     Impacts of a chatter before contact are left out but for the first ones, between which the
     motion is not smooth: see `Happening.chatters`. Where all are to be named, contact is an event.
     """
-    automaton, parts, machine = (
-        oscillator._automaton,
-        run.segments,
-        machine or machine_of(oscillator),
-    )
+    automaton, machine = oscillator._automaton, machine or machine_of(oscillator)
+    contact, strobed, parts = EventKind.CONTACT, oscillator._strobed, run.segments
     soft = oscillator._elements[len(oscillator._stops) :]
     for mode in np.unique(parts.mode).tolist():
         own = automaton.parts.now(run.regimes[mode])[len(oscillator._stops) :]
@@ -159,7 +156,6 @@ def events_seen(
                 f"orbits by itinerary must not rest on a preloaded stop; got {soft!r}: "
                 "dynkit.periodic_orbit finds orbits of the map"
             )
-    contact, strobed = EventKind.CONTACT, oscillator._strobed
 
     @cache
     def mode_of(number: int) -> Regimes:
