@@ -304,7 +304,10 @@ def pushed(mass: Array, rows: Array) -> tuple[int, bool]:
 
 
 def moves(mass: Array, rows: Array, row: Array) -> bool:
-    """Whether an impact changes the rate of a row (N,); `rows`: closed stops, last the impact's."""
+    """Whether an impact changes the rate of a row (N,).
+
+    The other rows (k, N) are those of the closed stops and, as the last one, that of the impact.
+    """
     effect = np.linalg.solve(mass, rows.T)
     impulse = np.linalg.solve(rows @ effect, np.eye(len(rows))[-1])  # the closed ones stay closed
     return carries(mass, row, np.asarray(effect @ impulse))

@@ -26,7 +26,7 @@ DISTURBANCE = 8.0
 Steady responses that lose more than this factor by cancellation are refined."""
 
 HIDDEN = 2.0**-80
-"""Modes whose share in a guard, relative to the largest share, is smaller are left out of it."""
+"""Share of a mode in a guard, relative to the largest share, below which it is left out."""
 
 
 @final

@@ -26,7 +26,7 @@ from dynkit.systems.structure.traction import Traction, product_of
 
 @final
 class Structure:
-    """Data that follow from mass, damping and stiffness; shared by all oscillators with these.
+    """Data that follow from mass, damping and stiffness; shared by oscillators with equal ones.
 
     Attributes
     ----------

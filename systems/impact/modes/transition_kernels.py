@@ -148,7 +148,7 @@ def repeat_kicks(
     fly_units(ladder, work, alone, alone[:0], period, own, joint)
     if not repeat(own, kicks, 1.0, moved):
         return False
-    # the state just before a kick, which is the transition of the state after it
+    # the state just before a kick is the state after it minus the kick
     for k in range(kicks.shape[0]):
         for i in range(kicks.shape[2]):
             moved[k, 0, i] -= kicks[k, 0, i]

@@ -43,7 +43,7 @@ flights are cut into parts, so that the smallest stretching keeps ten digits in 
 
 
 class Steps(NamedTuple):
-    """Arguments of `tangent_kernels.stretch`; `last` are the steps that end at an impact."""
+    """Arguments of `tangent_kernels.stretch`; `first` has the first step to each impact."""
 
     blocks: Array
     which: Any
@@ -250,7 +250,7 @@ def _between(oscillator: DrivenStructure, run: Trajectory, now: slice) -> Any:
 def _flights(
     motion: FreeMotion, durations: Array, which: Any, dense: Array
 ) -> tuple[Array, Any, Array]:
-    """Kernel arguments of flights (n,); matrix ``which`` precedes a flight, if it is >= 0."""
+    """Kernel arguments of flights (n,); matrix ``dense[which]`` precedes those with which >= 0."""
     slots = motion.mode.layout.modes
     flown = motion.mode.transitions(durations)
     if len(flown.linked):

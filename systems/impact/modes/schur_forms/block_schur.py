@@ -93,7 +93,8 @@ def real_blocks(given: Derivation) -> Blocks:
     """
     coordinates = EnergyCoordinates.of(given)
     clusters = clusters_of(coordinates)
-    if given.traction is not None:  # energy may grow; circular norms do not, unless the motion does
+    if given.traction is not None:
+        # Energy may grow; the norm of a circular pair grows only if the motion of the pair does.
         clusters = [cluster.circular() for cluster in clusters]
     vectors = DoubleDouble(
         *(np.concatenate(part, axis=1) for part in zip(*(c.vectors for c in clusters), strict=True))
