@@ -1,4 +1,4 @@
-"""The map from impact to impact: states, the section, and derivatives."""
+"""The map from impact to impact: its states, its section, and its derivatives."""
 
 from __future__ import annotations
 
@@ -52,15 +52,16 @@ if TYPE_CHECKING:
 TWO_PI = 2.0 * math.pi
 
 _FEW, _MOST, _NUMBERS = 32, 512, 1_000_000
-"""Numbers of impacts, and of numbers in their derivatives, that are followed together."""
+"""Number of impacts of a first run, largest number of impacts, and largest number of entries of
+their derivatives, that are processed together."""
 
 
 _ENERGIES = {"degrees_of_freedom", "kinetic", "potential", "dissipation"}
-"""Members that the matrices, or the texts of energies, stand for."""
+"""Members that `identity` represents by matrices, or by the texts of energies."""
 
 _OF_STRUCTURE = "_derivation", "_curves", "_structure", "_soft", "_sliders"
 _OF_ALL = (*_OF_STRUCTURE, "_stops", "_contacts", "_contact")
-"""What oscillators share whose structures are the same; and whose tables are, too."""
+"""Attributes that oscillators with the same structure share; and with the same table, too."""
 
 _FORCES, _ALONG = ("harmonic_forces", "constant_forces"), ("contact", "side", "play")
 
@@ -78,7 +79,7 @@ class ImpactMap(DrivenStructure, Map):
         ("accuracy", "conservative", "coordinates", "iterate_into", "jacobian_factors", "seen_of")
     )
 
-    # results know their system: their classes stand above this one
+    # subclasses implement these methods, as the classes of the results import this module
     @abstractmethod
     def simulate(self, *, impacts: int, start: ImpactState | None = None) -> Any:
         """Return the record of a number of impacts: see `ImpactOscillator`."""
@@ -147,7 +148,7 @@ class ImpactMap(DrivenStructure, Map):
         return made
 
     def _take(self, other: ImpactMap) -> None:
-        """Take what follows from the same arguments from another oscillator, where it is known."""
+        """Share computed attributes with another oscillator, as far as their arguments agree."""
         own, known = vars(self), vars(other)
         # what a class checks is a new tuple each time
         same = {k for k, a in own.items() if type(a) is tuple and a == known.get(k)}
@@ -163,10 +164,11 @@ class ImpactMap(DrivenStructure, Map):
     def identity(self) -> Mapping[str, object]:
         """Everything that determines the motion: arguments, and matrices of the energies.
 
-        Of a class that overrides more than energies, such as a start, `code` is a digest.
+        For a class that overrides more than the energies, such as the start, `code` is a digest of
+        its code.
         """
         names = [*self._arguments, "mass", "damping_matrix", "stiffness"]
-        if self.elements:  # the numbers of the table are those of an element
+        if self.elements:  # the elements already have the table's numbers
             names = [name for name in names if name not in OF_TABLE]
         found: dict[str, object] = dict(self._numbers) if self.elements else {}
         found |= {name: getattr(self, name) for name in names}
@@ -193,7 +195,7 @@ class ImpactMap(DrivenStructure, Map):
 
     @property
     def _unshown(self) -> tuple[str, ...]:
-        """Arguments that the first of the elements gives."""
+        """Arguments that the first element determines."""
         return OF_TABLE if self.elements else ()
 
     @property
@@ -214,29 +216,29 @@ class ImpactMap(DrivenStructure, Map):
         Parameters
         ----------
         position : (N,) array_like
-            Positions; by default the shape of the first mode with modal amplitude one, the contact
-            coordinate on its side of zero (the start of Cusumano & Bai). That position may be
-            beyond a stop, or on a stop that moves towards it. Then the contact coordinate starts at
-            a distance of one from the stop, or half-way between two stops. Where the first mode has
+            Positions. The default is the shape of the first mode with modal amplitude one, with the
+            contact coordinate on its side of zero (the start of Cusumano & Bai). That position may
+            be beyond a stop, or on a stop that moves towards it. Then the contact coordinate starts
+            at a distance of one from the stop, or half-way between two stops. If the first mode has
             a node at the contact coordinate, only that coordinate is displaced. With several stops
-            the default is the nearest position at which all gaps are one; where there is less room,
-            a half, a quarter and so on. With a stop along a function of the coordinates it is that
-            shape, or else plus or minus a half of it, twice it, a quarter, an eighth and so on.
-            These lengths are numbers: where lengths are measured in another unit, the default start
-            is another one, and may lead to another attractor.
+            the default is the nearest position at which all gaps are one or, with less room, a
+            half, a quarter and so on. With a stop along a function of the coordinates it is the
+            shape above, or else plus or minus a half of it, twice it, a quarter, an eighth and so
+            on. These lengths have no unit: with another unit of length the default start is a
+            different one, and may lead to another attractor.
         velocity : (N,) array_like
             Velocities; by default 0.
         phase : float
             Phase of the table, taken modulo 2 pi.
         sliders : (J,) array_like
-            Places of the sliders of `Jenkins` elements, in their order; by default in the middle of
-            their surfaces, or as near to it as their springs let them.
+            Positions of the sliders of `Jenkins` elements, in their order; by default in the middle
+            of their surfaces, or as near to the middle as their springs allow.
 
         Raises
         ------
         ValueError
-            When a number is not finite, or a slider is farther from what it follows than where it
-            slides.
+            When a number is not finite, or the spring of a slider is stretched by more than the
+            stretch at which the slider slides.
         Refused
             When the contact mass is beyond the table by more than rounding, or on the table and
             moving into it.
@@ -252,7 +254,7 @@ class ImpactMap(DrivenStructure, Map):
         own = self._automaton
         if not isinstance(own, Rebounding) or type(self).state is not ImpactMap.state:
             return self.state()
-        if own.shared.start is None:  # it does not depend on the restitution
+        if own.shared.start is None:  # the start does not depend on the restitution
             own.shared.start = self.state()._numbers
         speed, element, motion, closed, q, turn = own.shared.start
         return ImpactState(speed, element, motion, closed, self, q, turn)
@@ -316,9 +318,10 @@ class ImpactMap(DrivenStructure, Map):
     def displaced(self, motion: Attractor, size: float) -> ImpactState:
         """Return the final state of a motion, just after an impact, displaced in all coordinates.
 
-        Positions and velocities are displaced relative to their largest values in the kept states,
-        the relative velocity relative to itself, and the phase relative to one radian. Each
-        coordinate has a factor of its own, so that the direction has no symmetry.
+        Displacements of positions and velocities are relative to their largest values in the kept
+        states, that of the relative velocity is relative to its final value, and that of the phase
+        is relative to one radian. Each coordinate has a different factor, so that the direction has
+        no symmetry.
 
         Parameters
         ----------
@@ -349,7 +352,7 @@ class ImpactMap(DrivenStructure, Map):
 
     @final
     def section_state(self, state: ImpactState) -> Array:
-        """Section coordinates, (2N,) and one for each slider, of a state on the table."""
+        """Section coordinates of a state on the table: (2N,), and one more for each slider."""
         return section_of(self, state)
 
     @final
@@ -375,11 +378,12 @@ class ImpactMap(DrivenStructure, Map):
 
     @property
     def _margin(self) -> float:
-        """By how much more than three disturbed runs a run may be wrong, for its error estimate.
+        """Error estimate of a run, divided by its largest distance from three disturbed runs.
 
-        Where one direction stretches, an error and the distances are Gaussian numbers along it.
-        With root mean squares r : 1 the error exceeds a multiple f of the largest distance in
-        (2/pi)^(3/2) E|g|^3 (r/f)^3 = 0.81 (r/f)^3 of all motions. Of random machines r = 0.2.
+        If one direction stretches most, the error and the distances are Gaussian numbers along it.
+        If their root mean squares have the ratio r, the error exceeds f times the largest distance
+        with a probability of (2/pi)^(3/2) E|g|^3 (r/f)^3 = 0.81 (r/f)^3. For random machines r is
+        0.2.
         """
         several = self._several or bool(self._soft)
         return 8.0 if several and self._motion is None else 4.0
@@ -396,9 +400,9 @@ class ImpactMap(DrivenStructure, Map):
 
     @final
     def call_errors(self, states: Array) -> Array:
-        """Return errors (n,) of the calls of states: what the disturbances of a record change.
+        """Return errors (n,) of the map at states (n, d), by the disturbances of a record's error.
 
-        The rounding of a state counts.
+        They include the effect of rounding the state.
         """
         least = super().call_errors(states)
         found = [self.simulate(impacts=1, start=self.impact_state(state)).error for state in states]
@@ -417,8 +421,8 @@ class ImpactMap(DrivenStructure, Map):
     def orbit_factors(self, state: Array, following: Array) -> tuple[Array, Array]:
         """Return the `jacobian_factors`, (1, d, d), and the error of their entries, (1,).
 
-        Where the section lies along a function of the coordinates they are those of disturbances
-        that stay on it: (1, d - 2, d - 2) on a stop, and (1, d - 1, d - 1) where nothing drives.
+        If the section lies along a function of the coordinates, they are those of disturbances that
+        stay on the section: (1, d - 2, d - 2) on a stop, (1, d - 1, d - 1) without hard stops.
         """
         factors, errors = self.jacobian_factors(state)
         if not self._framed:
@@ -438,7 +442,7 @@ class ImpactMap(DrivenStructure, Map):
             modes = run.guards[run.log.guard[:-1], 0].tolist()
             holding = {k for k in set(modes) if any(self._automaton.parts.grips(run.regimes[k]))}
             cut = next((n for n, k in enumerate(modes, 1) if k in holding), wanted)
-            if cut < wanted:  # from there neighbouring states begin with what holds them
+            if cut < wanted:  # the next run begins held, as its neighbours do
                 run = self._run(start, cut, store=True)
                 break
         factors = derivatives(self, run)
@@ -472,7 +476,7 @@ class ImpactMap(DrivenStructure, Map):
         return out
 
     def _progression_at(self, state: Array) -> Progression:
-        """Of section coordinates at a state, (d,)."""
+        """Progression of the section coordinates at a state, (d,)."""
         return self._progressions[int(sheet_of(state[-1])) if self._several else 0]
 
     @final

@@ -1,1 +1,1 @@
-"""What acts on a structure: stops, soft stops, dry friction."""
+"""Elements that act on a structure: hard stops, soft stops, dry friction, Jenkins elements."""

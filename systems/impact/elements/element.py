@@ -24,15 +24,18 @@ from dynkit.core.validation import (
 )
 
 IMPACT, SWITCH, JAM, HALT, JUMP, REST = range(6)
-"""Kinds of events at the zero of a guard: an impact in the same regime, another regime, the end of
-the motion, another regime because a rate has become zero, another regime only if the guard is
-negative just after an event, or only where a motion begins at rest there."""
+"""Kinds of events where a guard becomes zero.
+
+IMPACT: an impact, without a change of regime. SWITCH: another regime. JAM: the end of the motion.
+HALT: another regime, because a rate has become zero. JUMP: another regime, only if the guard is
+negative at a start or just after an event. REST: another regime, only where a motion begins at rest
+with this guard at zero."""
 
 RELEASED = 3
-"""Order of the gap after contact: gap, rate and acceleration are zero."""
+"""Order of the gap's zero at a release: the gap, its rate and its acceleration are zero."""
 
 RIDES = 2
-"""Of a slider: it sticks, and nothing moves what it follows over its surface."""
+"""Code of a slider that sticks while the coordinate it follows cannot move over its surface."""
 
 LAIN = 2
 """Regime of a hard stop that is open while friction holds the mass at a gap of zero."""
@@ -43,9 +46,9 @@ LAIN = 2
 class Watch:
     """A guard of a regime: a linear function of the motion, positive while the regime lasts.
 
-    It is ``gap * g + rate * g' + force * f + normal * n + stretch * e + level``. Here g is the
-    element's gap, and f the force along its row while it holds or sticks. The force of the closed
-    stop that is its normal is n, and e is the stretch of the spring to its slider.
+    The guard is ``gap * g + rate * g' + force * f + normal * n + stretch * e + level``. Here g is
+    the element's gap, and f is the force along its row while it holds or sticks. For friction at a
+    contact, n is the normal force, and e is the stretch of the spring to the element's slider.
 
     Attributes
     ----------
@@ -72,17 +75,17 @@ class Watch:
 
     @property
     def hits(self) -> bool:
-        """Whether an impact happens where it is zero."""
+        """Whether a stop is hit where the guard becomes zero."""
         return self.event in (IMPACT, JAM)
 
     @property
     def halts(self) -> bool:
-        """Whether a rate becomes zero there, which may then stick."""
+        """Whether the guard is a rate that becomes zero, and the element may then stick."""
         return self.event == HALT
 
     @property
     def at_once(self) -> bool:
-        """Whether it acts only at a start, or just after an event, if it is negative then."""
+        """Whether the guard counts only at a start or just after an event (JUMP, REST)."""
         return self.event in (JUMP, REST)
 
 
@@ -91,14 +94,14 @@ class Watch:
 class Regime:
     """A regime of an element: its force or constraint, and the guards that end it.
 
-    The force is p - k g - c g' + t n, with the force n of the closed stop that is its normal. A
-    constraint holds the gap at zero (``holds``) or its rate at zero (``sticks``).
+    The force is p - k g - c g' + t n, where n is the contact force of the element's normal stop. A
+    constraint keeps the gap at zero (``holds``) or the rate of the gap at zero (``sticks``).
 
     Attributes
     ----------
     guards : tuple of Watch
-        The search for the next event starts with the first one. There are none in the first regime
-        of an element with a normal, which lasts while that stop is open.
+        The search for the next event starts with the first guard. The first regime of an element
+        with a normal stop has no guards: it lasts while that stop is open.
     push, stiffness, damping : float
         p, k and c.
     anchored : bool
@@ -121,17 +124,17 @@ class Regime:
 
     @property
     def acts(self) -> bool:
-        """Whether it pushes."""
+        """Whether the regime has a force law: push, stiffness, damping or traction."""
         return bool(self.push or self.stiffness or self.damping or self.traction)
 
     @property
     def halts(self) -> bool:
-        """Whether it slips, and may come to a halt."""
+        """Whether the first guard is a slip velocity at whose zero the element may stick."""
         return bool(self.guards) and self.guards[0].halts
 
 
 class EventKind(IntEnum):
-    """Kind of an event: an impact, begin or end of contact, or another change of regime."""
+    """Kind of an event: an impact, the begin or end of contact, or another change of regime."""
 
     IMPACT = 0
     CONTACT = 1
@@ -149,9 +152,9 @@ class Element(Extensible, ABC):
     Parameters
     ----------
     coordinate : int or (int, int) or (N,) sequence of float or str
-        Defines y: an index j for x_j, a pair (i, j) for x_j - x_i, or the row J. Also the name of a
-        method of the oscillator, which takes the coordinates, as ``potential`` does, and returns y
-        as a smooth expression: then J is its gradient.
+        Defines y: an index j for x_j, a pair (i, j) for x_j - x_i, the row J, or the name of a
+        method of the oscillator. This method takes the coordinates, as ``potential`` does, and
+        returns y as a smooth expression; J is then the gradient of y.
     offset : float
         Middle of the element's motion.
     amplitude : float
@@ -202,7 +205,7 @@ class Element(Extensible, ABC):
 
     @property
     def sign(self) -> int:
-        """1 for a positive gap above the element, -1 below."""
+        """1 if the gap is positive above the element, -1 if it is positive below."""
         return 1 if self.side == "above" else -1
 
     @property
@@ -218,12 +221,12 @@ class Element(Extensible, ABC):
     @property
     @final
     def moves(self) -> bool:
-        """Whether it moves, by its harmonic motion or its drift."""
+        """Whether the element moves, by its harmonic motion or its drift."""
         return bool(self.phasor or self.drift)
 
     @final
     def swing(self, sine: Any, cosine: Any) -> Any:
-        """Displacement from the middle of its motion, by sine and cosine of the phase."""
+        """Displacement from the middle of the motion, from the sine and cosine of the phase."""
         return self.phasor.real * sine + self.phasor.imag * cosine
 
     @final
@@ -245,13 +248,13 @@ class Element(Extensible, ABC):
     @property
     @final
     def slider(self) -> bool:
-        """Whether it has a slider, whose position is part of the state."""
+        """Whether the element has a slider, whose position is part of the state."""
         return self.spring > 0.0
 
     @property
     @final
     def spring(self) -> float:
-        """Stiffness of the spring to its slider; 0 where it has none."""
+        """Stiffness of the spring to the slider; 0 for an element without slider."""
         return max(regime.stiffness if regime.anchored else 0.0 for regime in self.regimes)
 
     @property
@@ -263,7 +266,7 @@ class Element(Extensible, ABC):
     @property
     @final
     def doing(self) -> list[str]:
-        """One word for each regime: contacts, rests, sticks, presses, or an empty text."""
+        """One word for each regime: contacts, rests, sticks, presses, or an empty string."""
         first, apart = self.regimes[0], not any(regime.sticks for regime in self.regimes)
         hit = any(watch.hits for regime in self.regimes for watch in regime.guards)
         return [
@@ -285,7 +288,7 @@ class Element(Extensible, ABC):
 
     @final
     def row(self, size: int) -> Array:
-        """The row J, (N,), padded with zeros to a given size; zero where it is `curved`."""
+        """The row J, (N,), padded with zeros to a given size; all zeros if `curved`."""
         row, given = np.zeros(size), self.coordinate
         if self.curved:
             return row
@@ -299,7 +302,7 @@ class Element(Extensible, ABC):
 
     @final
     def of(self, size: int, where: str) -> Element:
-        """The same element with indices of coordinates in [0, N); ValueError beyond these."""
+        """The same element with its indices in [0, N); ValueError if they are out of range."""
         name, given = f"{where}.coordinate", self.coordinate
         if self.curved or (type(given) is int and 0 <= given < size):
             return self

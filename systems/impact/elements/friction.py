@@ -1,4 +1,4 @@
-"""Dry friction: slipping and sticking, by a given force or by that of a hard stop."""
+"""Dry friction with a given friction force, or with the contact force of a hard stop."""
 
 from __future__ import annotations
 
@@ -10,10 +10,11 @@ from dynkit.core.validation import check_fields, finite_scalar, non_negative
 from dynkit.systems.impact.elements.element import HALT, JUMP, Element, Regime, Watch
 
 TURNED = (0, 2, 1, 3)
-"""Regimes, seen from the other side."""
+"""Regimes of friction when the sign of its row is reversed: forward and backward swap."""
 
 OFF, FORWARD, BACKWARD, STICKS, LANDED = range(5)
-"""Some regimes of friction at a contact: while that is open, and as it begins."""
+"""Regimes of friction at a contact: stop open, slipping forward, slipping backward, sticking, and
+undecided as the contact begins."""
 
 
 @final
@@ -40,18 +41,18 @@ class DryFriction(Element):
     force : float
         Kinetic friction force, not negative. Either this or `coefficient` is given.
     static : float, optional
-        Largest force while it sticks, at least `force`; with a coefficient the static coefficient.
-        By default it equals `force`, or `coefficient`, also after these are changed.
+        Largest force while it sticks, at least `force`; with a coefficient, the static coefficient.
+        The default is `force` or `coefficient`, also after a change of these.
     velocity : float
         Constant velocity of the surface (a belt), added to its harmonic motion.
     slope : float
-        Slope of the force over the slip velocity. It may be negative as long as dashpots of the
-        structure keep the damping positive.
+        Derivative of the force with respect to the slip velocity. It may be negative as long as
+        dashpots of the structure keep the damping positive.
     coefficient : float
         Kinetic coefficient of friction, not negative.
     normal : str
         Name of the hard stop whose contact force is the normal force: the stop's `name`, or
-        ``elements[k]`` by its number. Its restitution is a number.
+        ``elements[k]`` by its number. The stop's restitution must be a number.
 
     Raises
     ------
@@ -60,7 +61,7 @@ class DryFriction(Element):
 
     Examples
     --------
-    A block on a belt, held by a spring: it sticks and slips.
+    A block on a belt, held by a spring, sticks and slips:
 
     >>> from dynkit.systems import DryFriction, ImpactChain
     >>> block = ImpactChain(masses=1, damping=0.0, frequency=1.0, elements=[
@@ -114,12 +115,12 @@ class DryFriction(Element):
 
     @property
     def kinetic(self) -> float:
-        """The force with which it slips, or the coefficient."""
+        """Kinetic friction force, or kinetic coefficient."""
         return (self.force if self.coefficient is None else self.coefficient) or 0.0
 
     @property
     def most(self) -> float:
-        """The force with which it sticks at most, or the static coefficient."""
+        """Largest force while friction sticks, or static coefficient."""
         return self.kinetic if self.static is None else self.static
 
     @property
@@ -132,7 +133,7 @@ class DryFriction(Element):
 
     @cached_property
     def regimes(self) -> tuple[Regime, ...]:
-        """Not known at a start, or off; slipping forward, backward; sticking; as contact begins."""
+        """Undecided at a start, or off; slipping forward, backward; sticking; contact begun."""
         order = 2 if self.most == self.kinetic else 1
         forward, backward = (Watch(to=to, rate=r, event=JUMP) for to, r in ((1, -1.0), (2, 1.0)))
         halts = [Watch(to=3, rate=sign, event=HALT) for sign in (1.0, -1.0)]
@@ -141,7 +142,7 @@ class DryFriction(Element):
         leans = self.coefficient is not None
         push, traction = (0.0, self.kinetic) if leans else (self.kinetic, 0.0)
         yields = replace(yields, normal=self.most) if leans else replace(yields, level=self.most)
-        still = Watch(to=STICKS, level=-1.0, order=1, event=JUMP)  # where it slips in neither way
+        still = Watch(to=STICKS, level=-1.0, order=1, event=JUMP)  # if it does not slip
         landed = Regime((forward, backward, still))
         return (
             Regime(() if leans else (halts[0], forward, backward)),

@@ -33,7 +33,7 @@ class Jenkins(Element):
     ----------
     coordinate, offset, amplitude, phase, name
         As for every `Element`: the position and motion of the surface. By default the slider starts
-        in the middle of the surface, or as near to it as its spring allows.
+        in the middle of the surface, or as near to the middle as its spring allows.
     stiffness : float
         Stiffness of the spring, positive.
     force : float
@@ -117,19 +117,19 @@ def iwan(
     force : float
         F_S, force at which the whole joint slips: the sum over all elements. Positive.
     elements : int
-        Number of elements.
+        Number of elements in the list.
     exponent : float
         chi, above -1. With chi = 0, a uniform density, this is Iwan's model of 1966. Joints have
         -1 < chi <= 0: in microslip the dissipated energy in a cycle is proportional to the power
         chi + 3 of the amplitude.
     macroslip : float
-        beta, not negative: stiffness of the element that slides only at p_max, divided by that of
-        all others.
+        beta, not negative: stiffness of the element that slides only at p_max, divided by the total
+        stiffness of all others.
     ratio : float
         Ratio of the widths of successive intervals, positive. Values above 1 resolve microslip at
         small amplitudes.
     name : str
-        Its elements are ``name0``, ``name1`` and so on.
+        Prefix: the elements are named ``name0``, ``name1`` and so on.
     **motion
         Further arguments of each `Jenkins`, such as ``velocity``.
 

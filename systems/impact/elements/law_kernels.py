@@ -1,6 +1,6 @@
 """Kernels of impact laws: restitution as a function of the approach velocity, sums of bounces.
 
-A law is a program: the address of machine code, and the numbers (k,) in it.
+A law is a program: the address of its machine code, and the numbers (k,) that this code uses.
 """
 
 from __future__ import annotations
@@ -13,20 +13,22 @@ from dynkit.core.validation import Array
 from dynkit.systems.symbolic.call_kernels import call
 
 LIMIT, SCALE, EXPONENT, NEXT_SCALE, NEXT_EXPONENT = range(5)
-"""Of slow impacts: r(0+); where it is 1 r = 1 - scale u^exponent + (the next term), scale 0 where
-that is not known."""
+"""Places in `ImpactLaw.tail`: r(0+), then the terms of r = 1 - scale u^exponent + next_scale
+u^next_exponent for r(0+) = 1. The scale is 0 where these terms are not known."""
 
 BOUNCES, LEADING = 1 << 20, 4096
-"""Bounces that are summed up at most, and after which sums go on by their asymptotic series."""
+"""Largest number of bounces in a sum, and the number after which the asymptotic series replaces the
+sum, if r(0+) = 1."""
 
 NEGLIGIBLE, _LARGEST = 2.0**-56, 0.01
-"""Velocities below this part of the first one are negligible. Largest x of `leading_sums`, whose
-error is x^2 of the sum; after so many bounces x = 1/(4096 p) for the exponent p."""
+"""Velocity, relative to the first one, below which bounces are negligible. Largest x at which
+`leading_sums` is used: its relative error is x^2; after `LEADING` bounces x = 1/(4096 p), with the
+exponent p."""
 
 
 @kernel()
 def evaluate(code: Any, numbers: Array, velocity: float, buffer: Array) -> float:
-    """The number that a program makes of a velocity; the buffer (1,) is modified in place."""
+    """Value of a program at a velocity; the buffer (1,) is modified in place."""
     buffer[0] = velocity
     call(code, buffer, numbers, buffer)
     return float(buffer[0])
@@ -36,11 +38,12 @@ def evaluate(code: Any, numbers: Array, velocity: float, buffer: Array) -> float
 def bounce_sums(
     code: Any, numbers: Array, tail: Array, slowed: float, u: float, buffer: Array
 ) -> tuple[float, float, float]:
-    """Sums of v/u and its cube over the bounces that leave at v, from u on; the largest r in them.
+    """Sums of v/u and (v/u)^3 over all bounces, and the largest restitution among them.
 
-    Friction makes each of them arrive `slowed` times as fast as it left. Infinite where they have
-    no end, or none that is known. With x = C v^p the sums of a law 1 - x go on, from v on, as v
-    s(x) where s(x) = 1 + (1 - x) s(x (1 - x)^p): s = 1/((1 - p) x) - p/2 - p x/6 + O(x^2).
+    Here v is the velocity at the begin of a bounce, and u that of the first bounce. With friction a
+    bounce ends with the velocity `slowed` v. The sums are infinite if the bounces do not end, or if
+    their end is not known. For a law r = 1 - x with x = C v^p, the sum from v on is v s(x), where
+    s(x) = 1 + (1 - x) s(x (1 - x)^p): s = 1/((1 - p) x) - p/2 - p x/6 + O(x^2).
     """
     powers = tail[LIMIT] * slowed >= 1.0
     if powers and (tail[SCALE] <= 0.0 or tail[EXPONENT] >= 1.0):
@@ -68,7 +71,7 @@ def bounce_sums(
 
 @kernel()
 def leading_sums(tail: Array, v: float) -> tuple[float, float]:
-    """The sums of `bounce_sums` by their asymptotic series, from the velocity v on, over v."""
+    """Sums of `bounce_sums` from the velocity v on, relative to v, by their asymptotic series."""
     c, p = tail[SCALE], tail[EXPONENT]
     x = c * v**p
     if x > _LARGEST:
@@ -83,6 +86,6 @@ def leading_sums(tail: Array, v: float) -> tuple[float, float]:
 def sum_all(
     code: Any, numbers: Array, tail: Array, velocities: Array, buffer: Array, found: Array
 ) -> None:
-    """The first of `bounce_sums` of velocities (n,); found (n,) is modified in place."""
+    """First sum of `bounce_sums` for velocities (n,); found (n,) is modified in place."""
     for i in range(velocities.shape[0]):
         found[i] = bounce_sums(code, numbers, tail, 1.0, velocities[i], buffer)[0]

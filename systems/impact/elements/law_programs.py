@@ -1,4 +1,4 @@
-"""Impact laws as programs for kernels, out of SymPy's expression trees."""
+"""Compilation of impact laws from SymPy expressions to programs for the kernels."""
 
 from __future__ import annotations
 
@@ -16,14 +16,16 @@ if TYPE_CHECKING:
     from dynkit.systems.symbolic.machine_code import Code
 
 _DIGITS, _MOST_DIGITS = 100, 2000
-"""Digits of 1 - r, and of its terms, which cancel."""
+"""Decimal digits to which 1 - r is evaluated, and the largest working precision in digits for this,
+as terms of 1 - r may cancel."""
 
 _LEAST, _SAME = 0.1, 1e-6
-"""The smallest power of which sums are known, and by how much it may differ between velocities."""
+"""Smallest exponent p for which `tail_of` returns a power law, and the largest difference between
+the exponents estimated at different velocities."""
 
 
 def checked(given: Any, velocity: sympy.Symbol) -> Any:
-    """The expression of a law; ValueError for what is none of the velocity alone."""
+    """Return the expression of a law; ValueError unless it depends on the velocity alone."""
     from sympy import Expr, Float
 
     if isinstance(given, int | float | np.number) and not isinstance(given, bool):
@@ -37,27 +39,27 @@ def checked(given: Any, velocity: sympy.Symbol) -> Any:
 
 
 _ALIKE: dict[Any, Any] = {}
-"""Expressions with symbols in place of their numbers, by their shape."""
+"""Cache of expressions whose numbers are replaced by symbols; keys are their expression trees."""
 
 
 class Program(NamedTuple):
-    """An expression of the velocity as machine code, and the numbers (k,) in it."""
+    """Machine code of an expression of the velocity, and the numbers (k,) in the expression."""
 
     code: Code
     numbers: Array
 
 
 def program_of(expression: Any, velocity: sympy.Symbol) -> Program:
-    """The program of an expression; ValueError for functions that it cannot have.
+    """The program of an expression; ValueError for functions that cannot be compiled.
 
-    Expressions that differ in their numbers alone share their machine code.
+    Expressions that differ only in their numbers share their machine code.
     """
     alike, symbols, numbers = _without_numbers(expression)
     return Program(_code(alike, velocity, symbols), numbers)
 
 
 def slope_of(expression: Any, velocity: sympy.Symbol) -> Program:
-    """The program of the derivative of the rebound velocity, for a restitution."""
+    """The program of d(r u)/du, the slope of the rebound velocity, for a restitution r(u)."""
     alike, symbols, numbers = _without_numbers(expression)
     return Program(_code(_slope(alike, velocity), velocity, symbols), numbers)
 
@@ -73,7 +75,7 @@ def _without_numbers(expression: Any) -> tuple[Any, tuple[sympy.Symbol, ...], Ar
             return symbols.setdefault(part, Symbol(f"c{len(symbols)}", real=True))
         return (part.func, *map(shape, part.args)) if part.args else part
 
-    # SymPy takes milliseconds to put an expression together
+    # cached, since SymPy takes milliseconds to build an expression
     if (key := shape(expression)) not in _ALIKE:
         _ALIKE[key] = expression.xreplace(symbols)
     return _ALIKE[key], tuple(symbols.values()), np.array([float(e) for e in symbols])
@@ -103,9 +105,10 @@ def packed(programs: Sequence[Program]) -> tuple[Any, Array]:
 
 
 def tail_of(expression: Any, velocity: sympy.Symbol) -> tuple[float, float, float, float, float]:
-    """`ImpactLaw.tail` of a law with r(0+) = 1, from its values in many digits at tiny velocities.
+    """`ImpactLaw.tail` of a law with r(0+) = 1, from multiprecision values at tiny velocities.
 
-    Where 1 - r is a power there; the next term is what that leaves.
+    The first term is a power fitted to 1 - r; the next term is a power fitted to the remainder. All
+    coefficients are zero if 1 - r is not a power of the velocity.
     """
     from sympy import Float, log
 

@@ -19,22 +19,23 @@ if TYPE_CHECKING:
     from dynkit.systems.impact.elements.law_programs import Program
 
 JUMP = 2.0**-40
-"""A law jumps where it changes within this part of a velocity by more than its slope predicts."""
+"""Relative half-width of the velocity interval in which `ImpactLaw.jumps` looks for a jump."""
 
 _SLOW, _ELASTIC = 1e-300, 1e-6
-"""A velocity at which a law has reached its limit for slow impacts, and how near to 1 it is 1."""
+"""Velocity at which r is taken as its limit r(0+), and the distance |r - 1| below which this limit
+counts as 1."""
 
 
 @dataclass(frozen=True)
 class ImpactLaw(Extensible, ABC):
-    """Restitution r(u) that depends on the velocity u > 0 with which a stop is approached.
+    """Restitution r(u) as a function of the approach velocity u > 0 of an impact.
 
-    A subclass is a frozen dataclass whose fields are numbers. It must implement `expression` only;
-    the reset of an impact, the slope d(r u)/du for disturbances, and the end of chatter are derived
-    from it. It may override `tail`.
+    A subclass is a frozen dataclass whose fields are numbers. It must implement only `expression`:
+    the reset of an impact, the slope d(r u)/du for tangent vectors, and the end of chatter are
+    derived from that expression. It may override `tail`.
 
-    The fields are parameters of the machine, such as ``"table.restitution.velocity"``. Another
-    value needs no new compilation, and another law one of milliseconds.
+    The fields are parameters of the machine, such as ``"table.restitution.velocity"``. A change of
+    a value needs no new compilation; a new law compiles in milliseconds.
 
     Raises
     ------
@@ -75,11 +76,11 @@ class ImpactLaw(Extensible, ABC):
 
     @property
     def tail(self) -> tuple[float, float, float, float, float]:
-        """How slow impacts rebound: (r(0+), C, p, E, q).
+        """Asymptotic restitution of slow impacts: (r(0+), C, p, E, q).
 
-        Where r(0+) = 1 the law is 1 - C u^p + E u^q + ..., p < q, and its chatter ends for p < 1. C
-        is zero where it does not, where p is less than 0.1, or where there is no such power. Then
-        no chatter is cut, and all of its bounces are followed.
+        If r(0+) = 1, the law is 1 - C u^p + E u^q + ... with p < q, and chatter ends for p < 1.
+        Then C = 0 means that chatter does not end, that p is less than 0.1, or that 1 - r is not a
+        power of u; in these cases no chatter is cut short, and all its bounces are simulated.
         """
         from dynkit.systems.impact.elements.law_programs import tail_of
 
@@ -91,7 +92,7 @@ class ImpactLaw(Extensible, ABC):
     @property
     @final
     def numbers(self) -> Mapping[str, float]:
-        """Its parameters."""
+        """Parameters of the law, by the names of its fields."""
         return {entry.name: getattr(self, entry.name) for entry in dataclasses.fields(self)}
 
     @final
@@ -101,7 +102,7 @@ class ImpactLaw(Extensible, ABC):
         Raises
         ------
         ValueError
-            Where it is not in [0, 1].
+            When the restitution is not in [0, 1].
         """
         asked = np.asarray(velocities, dtype=float)
         found = self._values(asked)
@@ -119,9 +120,10 @@ class ImpactLaw(Extensible, ABC):
 
     @final
     def approach(self, velocities: Array, rebounds: Array) -> Array:
-        """Approach velocities to more digits, from how fast what they lead to leaves, (n,).
+        """Approach velocities (n,), made more accurate by the known rebound velocities (n,).
 
-        Of two small numbers of which the difference is rounding, that one has all of its digits.
+        A small approach velocity has lost digits by cancellation; the rebound velocity has not. One
+        Newton step corrects the former, if the step is less than a thousandth of the velocity.
         """
         u: Array = np.maximum(velocities, np.finfo(float).tiny)
         slope = self.slope(u)
@@ -131,7 +133,7 @@ class ImpactLaw(Extensible, ABC):
 
     @final
     def jumps(self, velocity: float) -> bool:
-        """Whether the law jumps at a velocity, but for rounding."""
+        """Whether the rebound velocity is discontinuous at a velocity, to within rounding."""
         around = velocity * np.array([1.0 - JUMP, 1.0 + JUMP])
         below, above = self._values(around) * around
         change = above - below - float(self.slope(np.array([velocity]))[0]) * np.diff(around)[0]
@@ -140,23 +142,26 @@ class ImpactLaw(Extensible, ABC):
     @final
     @cached_property
     def breaks(self) -> tuple[float, ...]:
-        """Velocities at which it jumps, ascending, as conditions u < c in its expression say."""
+        """Velocities at which the law jumps, ascending: constants c of conditions such as u < c."""
         return tuple(sorted(set(self._conditions.values())))
 
     @final
     def piece(self, velocity: float) -> int:
-        """Number of the interval between `breaks` in which a velocity lies."""
+        """Number of the interval between `breaks` that contains a velocity."""
         return bisect_right(self.breaks, velocity)
 
     @final
     def continued(self, piece: int, velocities: Array) -> tuple[Array, Array]:
-        """Restitution, and slope of the rebound velocity, of one interval, at any velocities."""
+        """Restitution and slope of the rebound velocity, continued from one interval to others."""
         value, slope = self._pieces[piece]
         return _evaluated(value, velocities), _evaluated(slope, velocities)
 
     @final
     def bounces(self, velocities: Array) -> Array:
-        """Sum of the velocities of all bounces from these on, over these; infinite without end."""
+        """Sum of the velocities of a bounce and of all later ones, divided by its own velocity.
+
+        Infinite if the bounces never end.
+        """
         from dynkit.systems.impact.elements.law_kernels import sum_all
 
         (code, numbers), found = self._program, np.empty(velocities.shape)
@@ -167,7 +172,7 @@ class ImpactLaw(Extensible, ABC):
     @final
     @cached_property
     def _program(self) -> Program:
-        """What kernels evaluate, see `law_kernels`."""
+        """Program of the restitution for the kernels, see `law_kernels`."""
         from dynkit.systems.impact.elements.law_programs import program_of
 
         return program_of(self._given, self._velocity)
@@ -180,7 +185,7 @@ class ImpactLaw(Extensible, ABC):
 
     @cached_property
     def _conditions(self) -> dict[Any, float]:
-        """The conditions on the velocity alone, and the velocities of those at which it jumps."""
+        """Conditions on the velocity at which the law jumps, each with its velocity."""
         from sympy.core.relational import Relational
 
         found = {}
@@ -192,7 +197,7 @@ class ImpactLaw(Extensible, ABC):
 
     @cached_property
     def _pieces(self) -> list[tuple[Program, Program]]:
-        """Programs of the restitution, and of the slope, of each interval between `breaks`."""
+        """Programs of the restitution and of the slope, for each interval between `breaks`."""
         from dynkit.systems.impact.elements.law_programs import program_of, slope_of
 
         edges, u, found = (0.0, *self.breaks), self._velocity, []
@@ -229,15 +234,15 @@ Restitution: TypeAlias = float | ImpactLaw
 class PlasticBelow(ImpactLaw):
     """No rebound below a velocity, constant restitution above it.
 
-    Slow impacts come to rest at once. The law jumps at this velocity: an impact at it, to within
-    rounding, has no certain outcome; its `error` is then large, and derivatives are refused.
+    Slow impacts end in contact at once. The law jumps at this velocity: the outcome of an impact at
+    it, to within rounding, is uncertain; the `error` is then large, and derivatives are refused.
 
     Parameters
     ----------
     velocity : float
         Smallest approach velocity with a rebound, not negative.
     rebound : float
-        Coefficient of restitution in [0, 1] of faster impacts.
+        Coefficient of restitution of faster impacts, in [0, 1].
 
     Examples
     --------
@@ -257,7 +262,7 @@ class PlasticBelow(ImpactLaw):
     def expression(self, velocity: Any) -> Any:
         from sympy import Float, Integer, Lt, Piecewise
 
-        # SymPy takes milliseconds to find out that it cannot be decided
+        # evaluate=False: SymPy takes milliseconds to find that it cannot decide the condition
         slow = Integer(0), Lt(velocity, self.velocity, evaluate=False)
         return Piecewise(slow, (Float(self.rebound), True), evaluate=False)
 
@@ -267,16 +272,16 @@ class PlasticBelow(ImpactLaw):
 class ViscoelasticSpheres(ImpactLaw):
     """Restitution max(0, 1 - C u^(1/5) + C_2 u^(2/5)) of viscoelastic spheres.
 
-    Slow impacts are elastic, r(0+) = 1, and yet chatter ends: at a contact acceleration a, after
-    about (5/2) u^(4/5) / (a C). The series holds for small C u^(1/5): where it is negative, as its
-    first term is by itself for fast impacts, these are plastic.
+    Slow impacts are elastic, r(0+) = 1, and yet chatter ends: at a contact acceleration a, after a
+    time of about (5/2) u^(4/5) / (a C). The series is valid for small C u^(1/5). Where it is
+    negative, the restitution is zero; with C_2 = 0 this holds for all fast impacts.
 
     Parameters
     ----------
     dissipation : float
         C, not negative.
     second : float
-        C_2, not negative; of spheres it is 3/5 C^2.
+        C_2, not negative; for spheres it is 3/5 C^2.
 
     References
     ----------
@@ -311,23 +316,23 @@ class ViscoelasticSpheres(ImpactLaw):
 
 
 def checked_restitution(name: str, given: Any) -> Restitution:
-    """A coefficient in [0, 1], or a law; ValueError for what is none."""
+    """Return a coefficient in [0, 1] or a law; ValueError for anything else."""
     if isinstance(given, ImpactLaw):
         return given
     return in_interval(name, given, 0, 1)
 
 
 def law_text(restitution: Restitution) -> str:
-    """What a law depends on, for stores; empty for a number."""
+    """Text that identifies a law in stored results; empty for a number."""
     if not isinstance(restitution, ImpactLaw):
         return ""
     return f"{restitution!r}: {restitution._given}"
 
 
 def rebound(restitution: Restitution, rates: Array) -> tuple[Any, Any]:
-    """Restitution, and slope of the rebound velocity, at rates (n,) of the gap before impacts.
+    """Restitution and slope of the rebound velocity, at rates (n,) of the gap before impacts.
 
-    Zero where one only touches.
+    With a law, both are zero where the rate is not negative, as at a grazing contact.
     """
     if not isinstance(restitution, ImpactLaw):
         return restitution, restitution
@@ -337,7 +342,7 @@ def rebound(restitution: Restitution, rates: Array) -> tuple[Any, Any]:
 
 
 def share(restitution: Restitution, speeds: Array) -> Any:
-    """Speeds (n,) of bounces over the sum of the speeds of all bounces from these on."""
+    """Speed of each bounce (n,), divided by the sum of its own and all later speeds."""
     if isinstance(restitution, ImpactLaw):
         return 1.0 / restitution.bounces(speeds)
     return 1.0 - restitution

@@ -1,4 +1,4 @@
-"""The elements of a machine: checked, and their parameters by name."""
+"""Checks of the elements of a machine, and access to their parameters by name."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from dynkit.systems.impact.elements.stops import HardStop, SoftStop
 
 
 def checked_elements(given: Any, size: int) -> tuple[Element, ...]:
-    """Checked elements on a structure of N coordinates; ValueError for others."""
+    """Return checked elements for a structure of N coordinates; ValueError for invalid ones."""
     if isinstance(given, Element) or not isinstance(given, Iterable):
         raise ValueError(f"elements must be a sequence of elements; got {given!r}")
     elements = tuple(given)
@@ -50,7 +50,7 @@ def checked_elements(given: Any, size: int) -> tuple[Element, ...]:
 
 
 def check_curved(owner: object, elements: tuple[Element, ...]) -> None:
-    """Refuse functions of coordinates that no method gives: ValueError."""
+    """Raise ValueError if a named function of the coordinates is not a method of the oscillator."""
     for k, element in enumerate(elements):
         if element.curved and not callable(getattr(owner, element.coordinate, None)):
             raise ValueError(
@@ -60,7 +60,7 @@ def check_curved(owner: object, elements: tuple[Element, ...]) -> None:
 
 
 def _check_normal(elements: tuple[Element, ...], k: int, size: int) -> None:
-    """Raise ValueError, or NotImplementedError, where no such friction is known."""
+    """Check the normal of friction; ValueError if invalid, NotImplementedError if unsupported."""
     own, names = elements[k], names_of(elements)
     if not isinstance(own, DryFriction):
         raise ValueError(
@@ -89,12 +89,12 @@ def _check_normal(elements: tuple[Element, ...], k: int, size: int) -> None:
 
 
 def names_of(elements: tuple[Element, ...]) -> list[str]:
-    """Names of elements, or ``elements[k]``."""
+    """Names of elements; ``elements[k]`` for an element without a name."""
     return [element.name or f"elements[{k}]" for k, element in enumerate(elements)]
 
 
 def numbers_of(elements: tuple[Element, ...]) -> dict[str, float]:
-    """The parameters of elements by their names."""
+    """Parameters of all elements, by names such as ``table.offset``."""
     found: dict[str, float] = {}
     for name, element in zip(names_of(elements), elements, strict=True):
         for entry in dataclasses.fields(element):
@@ -103,7 +103,7 @@ def numbers_of(elements: tuple[Element, ...]) -> dict[str, float]:
 
 
 def numbers_in(name: str, value: object) -> dict[str, float]:
-    """Parameters of a field: the number itself, the numbers of a law, or none."""
+    """Parameters in one field: the number itself, the numbers of an impact law, or none."""
     if isinstance(value, float):
         return {name: value}
     if isinstance(value, ImpactLaw):
@@ -112,7 +112,7 @@ def numbers_in(name: str, value: object) -> dict[str, float]:
 
 
 def with_law(name: str, law: object, given: Mapping[str, Any]) -> dict[str, Any]:
-    """The given fields, with those that are numbers of a law, ``name.number``, made that law."""
+    """Given fields; entries ``name.number`` are replaced by a law ``name`` with these numbers."""
     start = f"{name}."
     own = {n.removeprefix(start): v for n, v in given.items() if n.startswith(start)}
     if not own:
@@ -122,7 +122,7 @@ def with_law(name: str, law: object, given: Mapping[str, Any]) -> dict[str, Any]
 
 
 def laws_of(elements: tuple[Element, ...]) -> list[str]:
-    """Names of the fields of elements that are laws, such as ``table.restitution``."""
+    """Names of the fields that hold an impact law, such as ``table.restitution``."""
     return [
         f"{name}.restitution"
         for name, element in zip(names_of(elements), elements, strict=True)
@@ -131,7 +131,7 @@ def laws_of(elements: tuple[Element, ...]) -> list[str]:
 
 
 def with_numbers(elements: tuple[Element, ...], given: Mapping[str, Any]) -> tuple[Element, ...]:
-    """The elements with other values of some of the parameters in `numbers_of` and `laws_of`."""
+    """The elements with new values of some parameters, named as in `numbers_of` and `laws_of`."""
     found = list(elements)
     for k, name in enumerate(names_of(elements)):
         start = f"{name}."

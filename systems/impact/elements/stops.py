@@ -1,4 +1,4 @@
-"""Hard stops, which are hit, and soft stops, which press by springs and dashpots."""
+"""Hard stops with impacts, and soft stops with a spring and a dashpot."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ class HardStop(Element):
 
     Examples
     --------
-    The distance of two masses can shrink by 0.2 at most, from that at rest:
+    The distance of two masses is at most 0.2 less than their distance at rest:
 
     >>> from dynkit.systems import HardStop, ImpactChain
     >>> pair = ImpactChain(masses=2, frequency=1.5, harmonic_forces=[0.0, 0.8], elements=[
@@ -66,16 +66,16 @@ class SoftStop(Element):
     Parameters
     ----------
     coordinate, offset, amplitude, phase, side, name
-        As for every `Element`. Along a function of the coordinates, the force on these is that of
-        the stop times the function's gradient.
+        As for every `Element`. Along a function of the coordinates, the force on these is the force
+        of the stop times the function's gradient.
     stiffness, damping : float
         k and c, not negative.
     preload : float
         p, not negative: the spring is already compressed when a mass meets it, so the force jumps
         to p. A mass that begins at rest at g = 0 stays there as long as this needs a force between
         0 and p. A mass that arrives with a velocity may cross g = 0 more and more often, without
-        end; then the motion ends, and `record.ending` says so. At least one of k, c and p must be
-        positive. With p alone the force is constant.
+        end; the simulation then stops, and `record.ending` names this reason. At least one of k, c
+        and p must be positive. With p alone the force is constant.
 
     Examples
     --------
@@ -103,9 +103,10 @@ class SoftStop(Element):
 
     @cached_property
     def regimes(self) -> tuple[Regime, ...]:
-        """Outside, pressing, lifted; with a preload pressing again, by the force, and at rest."""
+        """Outside, pressing, lifted; with a preload: pressing after a lift, and at rest."""
         k, c, p = self.stiffness, self.damping, self.preload
-        # The gap is what vanishes where pressing begins, but for a force of the dashpot alone.
+        # When pressing begins, the next guard is the gap, which is zero; with a dashpot and without
+        # a preload it is the force, which is not zero.
         touched = Watch(to=1, gap=1.0, order=0 if c and not p else 1)
         left = Watch(to=0, gap=-1.0 if c else -(k or 1.0), order=1)
         rests = Watch(to=4 if c else 2, gap=1.0, event=REST)

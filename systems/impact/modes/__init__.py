@@ -1,1 +1,1 @@
-"""Linear modes of the motion: structures, their modal bases, held coordinates, forced response."""
+"""Linear modes of the motion: structures, modal bases, held coordinates, steady response."""

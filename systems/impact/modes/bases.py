@@ -46,15 +46,15 @@ def energy_of(x: Array, v: Array, mass: Array, stiffness: Array) -> Array:
 class Basis(ABC):
     """Coordinates y (2, n) of a linear structure with n degrees of freedom.
 
-    A subclass must implement `pairs`, which says how each pair of coordinates evolves, and the
-    conversions between coordinates, positions and velocities, and energies.
+    A subclass must implement `pairs`, the 2x2 blocks by which pairs of coordinates evolve, the
+    conversions between coordinates, positions and velocities, and the energies.
     """
 
     pairs: Pairs
 
     @cached_property
     def arranged(self) -> dict[Any, Any]:
-        """Layouts and propagators of its pairs, for the last table frequency: see `Forced`."""
+        """Cache of layouts and propagators for the last table frequency, see `Forced`."""
         return {}
 
     @abstractmethod
@@ -75,11 +75,11 @@ class Basis(ABC):
 
     @abstractmethod
     def units(self) -> tuple[Array, Array]:
-        """Positions and velocities (2 n, n) of unit coordinates: first row, then second row."""
+        """Positions and velocities (2 n, n) of unit coordinates: all of row one, then row two."""
 
     @abstractmethod
     def pushes(self, force: Array) -> Array:
-        """Rates (..., 2, n) of the coordinates under forces (..., n)."""
+        """Rates of change (..., 2, n) of the coordinates due to forces (..., n)."""
 
     @abstractmethod
     def energies(self, y: Array) -> Array:
@@ -87,11 +87,14 @@ class Basis(ABC):
 
     @cached_property
     def changes(self) -> dict[Any, Array]:
-        """Changes (2 n, 2 m) from other bases; see `Mode`."""
+        """Cache of changes of basis (2 n, 2 m) from other bases, see `Mode`."""
         return {}
 
     def kick(self, velocity: Array, row: Array) -> Array:  # noqa: ARG002
-        """Coordinates of velocities (n,), a unit jump along a row (n,), and low parts: (4, n)."""
+        """Coordinates (2, n) of the velocities (n,) of an impulse, then their low parts: (4, n).
+
+        The impulse acts along a row (n,), and changes the rate of this row by one.
+        """
         high = self.coordinates(np.zeros_like(velocity), velocity)
         return np.concatenate([high, np.zeros_like(high)])
 
@@ -101,8 +104,8 @@ class Basis(ABC):
 class NormalModes(Basis):
     """Normal modes of a structure whose damping leaves them uncoupled.
 
-    The coordinates of a mode are (q, q'); of a clearly overdamped mode they are its two real
-    exponentials y, with (q, q') = mixing y.
+    The coordinates of a mode are (q, q'). For a clearly overdamped mode they are instead the
+    amplitudes y of its two real exponentials, with (q, q') = mixing y.
 
     Attributes
     ----------
@@ -122,7 +125,7 @@ class NormalModes(Basis):
 
     @staticmethod
     def of(modes: Modes, mass: Array) -> NormalModes:
-        """The normal modes and the mass matrix of a structure."""
+        """Make the basis from the normal modes and the mass matrix of a structure."""
         pairs, mixing = Pairs.oscillators(
             modes.frequencies, modes.frequencies_low, modes.decay, modes.decay_low
         )
@@ -210,7 +213,7 @@ class CoupledModes(Basis):
     position_matrix, velocity_matrix : (N, 2 N) positions and velocities from coordinates, which
         are ordered by the rows of pairs
     inverse : (2 N, 2 N) coordinates from positions and velocities
-    energy : (2 N, 2 N) from coordinates to numbers whose square sum is twice the energy
+    energy : (2 N, 2 N) matrix from coordinates to numbers whose square sum is twice the energy
     mass : (N, N)
     """
 
@@ -223,16 +226,16 @@ class CoupledModes(Basis):
 
     @staticmethod
     def of(given: Derivation) -> CoupledModes:
-        """The blocks of a structure; each is a complex mode where modes are well separated."""
+        """Make the basis of a structure; if modes are well separated, each block is one mode."""
         blocks = real_blocks(given)
         g, n = blocks.generator, given.mass.size
-        # Two unrelated real rates, and rigid-body motions, are bounded one by one.
+        # The numbers of two unrelated real rates, or of a rigid body, have separate bounds.
         apart = (g[2] == 0.0) & ((g[1] == 0.0) | (g[0] == 0.0))
         links = np.stack([blocks.target, blocks.source])
         # The norm of a cluster never grows, unless it holds rigid bodies.
         cluster = np.arange(n)
         rigid = apart & ((g[0] == 0.0) | (g[3] == 0.0))
-        for target, source in links.T.tolist():  # from the first target of a cluster on
+        for target, source in links.T.tolist():  # targets ascend
             if not (rigid[target] or rigid[source]):
                 cluster[source] = min(cluster[source], cluster[target])
         growth = None if given.traction is None else _growths(blocks, apart, cluster)
@@ -281,7 +284,7 @@ class CoupledModes(Basis):
 
 
 def _growths(blocks: Blocks, apart: NDArray[np.bool_], cluster: NDArray[np.intp]) -> Array:
-    """Rates (N,) at which the norms of clusters, and numbers that are apart, grow at most.
+    """Largest growth rates (N,) of the norms of clusters, and of numbers with separate bounds.
 
     For a norm it is the largest eigenvalue of the symmetric part of the cluster's matrix.
     """

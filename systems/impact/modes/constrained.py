@@ -1,4 +1,4 @@
-"""Modes of a structure with coordinates that elements hold, and the sums of their guards."""
+"""Linear modes of a structure with held coordinates, and the exponential sums of their guards."""
 
 from __future__ import annotations
 
@@ -21,9 +21,9 @@ class ContactParadox(NoMotion):
 
 
 class Slip(NamedTuple):
-    """Friction that slips at a contact, the stop there, and its force over the contact force.
+    """Slipping friction at a contact, its stop, and the ratio of friction to contact force.
 
-    Both forces are counted along the rows of their elements.
+    Each force is positive along the row of its own element.
     """
 
     friction: Element
@@ -32,7 +32,7 @@ class Slip(NamedTuple):
 
 
 class Slider(NamedTuple):
-    """The slider of an element: the number of its coordinate, and its lag while it slides."""
+    """A slider: its element, its coordinate, and the spring's stretch while it slides, or None."""
 
     element: Element
     place: int
@@ -49,15 +49,15 @@ def mode_of(
     sliders: Sequence[Slider] = (),
     slips: Sequence[Slip] = (),
 ) -> Mode:
-    """The mode in which some elements hold their row, or its rate.
+    """The mode in which some elements hold their gap, and others (`sticking`) hold its rate.
 
-    Guards depend on some rows (N,) of all coordinates, and impulses act along some of them. Sliders
-    stick to their surfaces, or follow the rows of their elements.
+    Guards depend on the rows `watched`, (N,), of all coordinates; impulses act along the rows
+    `hit`. Sliders stick to their surfaces, or follow the rows of their elements.
 
     Raises
     ------
     ContactParadox
-        When friction that slips at contacts leaves their forces open.
+        When, with slipping friction, the contact forces have no unique value.
     """
     w, s = excitation.frequency, structure
     others, pivots, ties = np.arange(s.size), None, None
@@ -77,7 +77,7 @@ def mode_of(
         inner = inner and inner.without(np.flatnonzero(away))
         others = others[~away]
     if sticking:
-        # Besides a constant rate they move as their surfaces do, less what those that hold do.
+        # Sticking rows follow the harmonic motion of their surfaces; `stuck` adds constant rates.
         both = _grip(s, [*held, *sticking])
         phasors = [element.phasor for element in (*held, *sticking)]
         shape[both.pivots] = both.by_sums @ phasors
@@ -123,7 +123,7 @@ def mode_of(
 
 
 def _pulls(structure: Structure, fixed: Sequence[Element], slips: Sequence[Slip]) -> list[Array]:
-    """Rows (N,) on which the forces of what holds or sticks depend."""
+    """Rows (N,) on which the forces of holding and sticking elements depend."""
     matrices = structure.stiffness, structure.damping, structure.mass
     weights: Any = forces_along(structure, fixed, slips) if fixed else ()
     return [row @ part for row in weights for part in matrices]
@@ -132,7 +132,7 @@ def _pulls(structure: Structure, fixed: Sequence[Element], slips: Sequence[Slip]
 def _loads(
     structure: Structure, excitation: Excitation, shape: Any, rest: Array
 ) -> tuple[Any, Array]:
-    """Harmonic and constant forces (N,) while some coordinates have a given motion."""
+    """Harmonic and constant forces (N,), minus those that a prescribed motion requires."""
     harmonic, constant, w = excitation.harmonic, excitation.constant, excitation.frequency
     s = structure
     for p in np.flatnonzero(shape).tolist():
@@ -144,7 +144,7 @@ def _loads(
 
 
 def forces_along(structure: Structure, fixed: Sequence[Element], slips: Sequence[Slip]) -> Array:
-    """Forces (h, N) along the rows of what holds or sticks, as sums of forces on coordinates."""
+    """Weights (h, N) of forces on coordinates in the forces of holding or sticking elements."""
     if not slips:
         return _grip(structure, fixed).weights
     rows, own = _rows(structure, fixed), list(fixed)
@@ -155,9 +155,10 @@ def forces_along(structure: Structure, fixed: Sequence[Element], slips: Sequence
 
 
 def pushes(rows: Array, slips: Sequence[tuple[int, Array, Any]]) -> Any:
-    """What unit forces along rows (h, N) do, with the friction that they cause, (N, h).
+    """Forces (N, h) on the coordinates by unit forces along rows (h, N), with their friction.
 
-    Friction that slips is the number of its normal force, its row (N,), and its traction.
+    For each slipping friction, `slips` has the number of its normal force, its row (N,), and its
+    traction.
     """
     kinds = (along * traction for _, along, traction in slips)
     push: Any = rows.T.astype(np.result_type(rows, *kinds), order="C")
@@ -167,14 +168,14 @@ def pushes(rows: Array, slips: Sequence[tuple[int, Array, Any]]) -> Any:
 
 
 def along_stops(friction: Element) -> CannotFollow:
-    """The refusal of friction with a coefficient along what stops hold."""
+    """Make the error for friction with a coefficient along coordinates that stops hold."""
     return CannotFollow(
         f"friction with a coefficient must not act along what stops hold together; got {friction!r}"
     )
 
 
 def along_others(friction: Element) -> CannotFollow:
-    """The refusal of friction along what other friction, or a stop besides it, holds."""
+    """Make the error for friction along coordinates that other friction, or a stop, holds."""
     return CannotFollow(
         "friction must not act along what other friction, or a stop, holds at that moment, which "
         f"leaves its force open; got {friction!r}"
@@ -182,12 +183,12 @@ def along_others(friction: Element) -> CannotFollow:
 
 
 def check_unique(inertia: Array, rows: Array, push: Array, friction: Element) -> None:
-    """Whether contact forces follow from accelerations: `inertia` (h, N) is rows over masses.
+    """Check that the accelerations determine the contact forces; `inertia` (h, N) is rows M^-1.
 
     Raises
     ------
     ContactParadox
-        When they do not.
+        When they do not determine them.
     """
     size = np.sqrt(np.diag(inertia @ rows.T))
     scaled = inertia @ push / np.outer(size, size)
@@ -206,7 +207,7 @@ def _tractions(
     sticking: Sequence[Element],
     slips: Sequence[Slip],
 ) -> tuple[Array, Array]:
-    """Directions (N, p) and weights (p, N) of friction that slips, less what stops take of it.
+    """Directions (N, p) of slipping friction, and weights (p, N) of its contact forces.
 
     The forces on the other coordinates are those without contact, f, plus ``along @ weights @ f``.
     """
@@ -242,7 +243,7 @@ def _mode(
     watched: Sequence[Array],
     hit: Sequence[Array],
 ) -> Mode:
-    """The mode; its searches use the normal modes with a share in the guards or impulses."""
+    """The mode; its searches use only coordinates with a share in the guards or impulses."""
     if structure is None:
         return Mode(None, forced, excitation, np.ones(0, dtype=bool))
     rows, along = ([forced.gathered(row) for row in part] for part in (watched, hit))
@@ -259,7 +260,7 @@ def _mode(
 def rides(structure: Structure, held: Sequence[Element], element: Element) -> bool | None:
     """Whether an element's gap is constant while others hold; None if the held ones change it.
 
-    False means that it depends on coordinates that are not held.
+    False means that the gap depends on coordinates that are not held.
     """
     row = element.row(structure.size)
     if not held or (grip := _grip(structure, held)).leaves(row).any():
@@ -275,12 +276,14 @@ def rides(structure: Structure, held: Sequence[Element], element: Element) -> bo
 
 
 def pushed(mass: Array, rows: Array) -> tuple[int, bool]:
-    """The closed stop that an impact opens, -1 for none, and whether it pushes against another.
+    """The closed stop that an impact opens, or -1, and whether another closed stop has an impulse.
 
-    Of rows (k, N) towards the sides of stops the last one is that of the impact.
+    The last one of the rows (k, N) is that of the impact, the others are those of the closed stops;
+    each points to the side of its stop.
 
-    Newton's law with complementarity: the closed stops have impulses p >= 0 and rates u >= 0 after
-    the impact with p u = 0, independent of its size. Of several that open, it is the fastest.
+    Newton's law with complementarity: after the impact, the closed stops have impulses p >= 0 and
+    rates u >= 0 with p u = 0, independent of the size of the impact. If several stops open, the
+    fastest one is returned.
 
     References
     ----------
@@ -301,7 +304,10 @@ def pushed(mass: Array, rows: Array) -> tuple[int, bool]:
 
 
 def moves(mass: Array, rows: Array, row: Array) -> bool:
-    """Whether an impact changes the rate of a row (N,); its own is the last one of closed ones."""
+    """Whether an impact changes the rate of a row (N,).
+
+    The other rows (k, N) are those of the closed stops and, as the last one, that of the impact.
+    """
     effect = np.linalg.solve(mass, rows.T)
     impulse = np.linalg.solve(rows @ effect, np.eye(len(rows))[-1])  # the closed ones stay closed
     return carries(mass, row, np.asarray(effect @ impulse))
@@ -310,14 +316,15 @@ def moves(mass: Array, rows: Array, row: Array) -> bool:
 def carries(mass: Array, row: Array, change: Array) -> bool:
     """Whether velocity changes (N,) change the rate of a row (N,), to rounding.
 
-    Relative to the largest change by as much energy: in some coordinates its terms cancel.
+    The reference is the largest change of this rate with the same kinetic energy. A sum of absolute
+    terms is no reference: in some coordinates the terms cancel.
     """
     most = np.sqrt(row @ np.linalg.solve(mass, row) * (change @ mass @ change))
     return bool(abs(row @ change) > ROUNDING * most)
 
 
 def depends(mass: Array, rows: Array) -> bool:
-    """Whether the last row (N,) depends on the others, to rounding."""
+    """Whether the last row (N,) is a combination of the others, to rounding."""
     effect = rows @ np.linalg.solve(mass, rows.T)
     size = np.sqrt(np.diag(effect))
     effect = effect / np.outer(size, size)
@@ -326,7 +333,7 @@ def depends(mass: Array, rows: Array) -> bool:
 
 
 def sum_of(mode: Mode, element: Element, watch: Watch, slider: int) -> Any:
-    """The exponential sum of a guard that depends on a gap, or on the spring to a slider."""
+    """The exponential sum of a guard of a gap, its rate, or the stretch of a slider's spring."""
     along, sign = element.row(len(mode.forced.rest)), element.sign
     row = mode.row(along)
     if mode.layout.table >= 0:
@@ -353,8 +360,8 @@ def force_of(
 ) -> Any:
     """The exponential sum of a guard that depends on the force of a holding or sticking element.
 
-    The force is towards the element's side; other elements may hold at the same time. The normal of
-    friction at a contact is the stop there.
+    The force is positive towards the element's side. `held` are all holding and sticking elements.
+    For friction at a contact, `normal` is the stop there.
     """
     s, weights = structure, forces_along(structure, held, slips)
     sign, own = element.sign * watch.force, list(held).index(element)
@@ -371,7 +378,7 @@ def force_of(
         row[:, mode.layout.table] -= own.real, own.imag
     offset = weights @ s.stiffness @ mode.forced.rest - weights @ excitation.constant
     if mode.layout.constant >= 0:
-        # Accelerations of what nothing holds.
+        # The part of the accelerations that the constant slot drives is constant.
         offset += row[0, mode.layout.constant]
         row[0, mode.layout.constant] = 0.0
     return mode.sum(sign * row, sign * float(offset) + watch.level)

@@ -11,12 +11,12 @@ from dynkit.core.validation import Array
 from dynkit.systems.structure.functions import CoordinateFunction
 
 _STEPS, _ROUNDING = 50, 2.0**-44
-"""Largest number of Newton's steps, and rounding of a function, of terms of order one or more."""
+"""Largest number of Newton steps; rounding error of y, relative to one plus its absolute terms."""
 
 
 @final
 class Along:
-    """The linear function y = J x, beside those of curved stops."""
+    """The linear function y = J x, with the methods of a `CoordinateFunction`."""
 
     def __init__(self, row: Array) -> None:
         self.row = row
@@ -30,7 +30,7 @@ class Along:
         return np.broadcast_to(self.row, x.shape)
 
     def bend(self, x: Array, v: Array) -> Array:  # noqa: ARG002
-        """Second derivatives times velocities, which are zero."""
+        """Second derivatives of y times velocities (..., N): zero."""
         return np.zeros(x.shape)
 
 
@@ -51,12 +51,13 @@ class CurvedContact:
     def put_both(self, x: Array, v: Array, place: Any, speed: Any) -> None:
         """Give y and its rate prescribed values (...), at positions and velocities (..., N).
 
-        Both move along the gradient of y, and change in place. Sliders, which may follow, stay.
+        Positions and velocities change along the gradient of y, in place. Entries beyond the N
+        coordinates, those of sliders, do not change.
 
         Raises
         ------
         Refused
-            When y does not reach its value along the gradient.
+            When y does not reach its prescribed value along the gradient.
         """
         n, shape = len(self.others), x.shape[:-1]
         x, v = x[..., :n], v[..., :n]
@@ -68,12 +69,12 @@ class CurvedContact:
         x[...], v[...] = positions.reshape(x.shape), velocities.reshape(v.shape)
 
     def push(self, x: Array, v: Array, speed: float) -> None:
-        """Give y a rate, at positions and velocities (N,); the latter change in place."""
+        """Give y a rate at positions (N,), by a change of the velocities (N,) in place."""
         row = self.function.gradient(x)
         v += row * ((speed - row @ v) / (row @ row))
 
     def put(self, x: Array, place: float) -> None:
-        """Give y a value at positions (N,), which move along its gradient there, in place.
+        """Give y a value, by a change of positions (N,) along the initial gradient, in place.
 
         Raises
         ------
@@ -99,9 +100,10 @@ class CurvedContact:
         return self.function.row
 
     def lifted(self, x: Array, v: Array, changes: Any) -> tuple[Array, Array]:
-        """Changes (d, N) of positions and velocities that are put there, which lie there already.
+        """Tangent map of `put_both`, at positions and velocities that it would not change.
 
-        By changes (d, N) of both and changes (d,) of place and speed.
+        Returns changes (d, N) of positions and velocities. `changes` consists of their changes
+        (d, N) before, and of the changes (d,) of the prescribed place and speed.
         """
         by_x, by_v, place, speed = changes
         row, bend = self.function.gradient(x), self.function.bend(x, v)

@@ -14,17 +14,17 @@ from dynkit.systems.impact.modes.mode import Mode
 @final
 @dataclass(frozen=True, eq=False)
 class EigenCoordinates:
-    """Complex coordinates c_a' = rates_a c_a of a mode's states; the last one is the constant one.
+    """Complex coordinates c_a' = rates_a c_a of a mode's states; the last one is the number 1.
 
     Attributes
     ----------
     rates : (m,) complex, one of each conjugate pair, with imaginary part >= 0
-    forward : (m - 1, 2 slots) complex, all coordinates but the last from flat states
-    back : (N + 1, m) complex, positions and the constant one are Re(back c)
+    forward : (m - 1, 2 slots) complex, from flat states to all coordinates but the last
+    back : (N + 1, m) complex, Re(back c) are the positions and the number 1
     condition : float
         Condition number of the eigenvectors, in units in which a mode of constant energy rotates
         uniformly; infinite where the state matrix is defective.
-    fastest : (m,) errors of the rates, in units of 2^-52
+    fastest : (m,) absolute errors of the rates, in units of 2^-52
     """
 
     rates: Any
@@ -59,14 +59,17 @@ class EigenCoordinates:
 
 
 def _alone(generator: Array, used: Any) -> tuple[Any, Any, Any, float]:
-    """Rates (m,) of single pairs, coordinates (m, 2 slots) of states, and states of coordinates."""
+    """Rates (m,) of unlinked pairs, matrices from states and to states, condition number.
+
+    The matrices are (m, 2 slots) and (2 slots, m).
+    """
     count = generator.shape[1]
     a, b, c, d = (entries[used].astype(complex) for entries in generator)
     diagonal = (b == 0.0) & (c == 0.0)
     middle, half = 0.5 * (a + d), 0.5 * (a - d)
     root = np.sqrt(half * half + b * c)
     first, second = middle + root, middle - root
-    # The smaller of two real rates from their product, lest it lose digits.
+    # The smaller of two real rates follows from their product, without cancellation.
     real = (root.imag == 0.0) & (first != 0.0) & (second != 0.0)
     swap = real & (abs(first) < abs(second))
     slow = (a * d - b * c) / np.where(swap, second, np.where(real, first, 1.0))
@@ -78,7 +81,7 @@ def _alone(generator: Array, used: Any) -> tuple[Any, Any, Any, float]:
         condition = np.where(diagonal, 1.0, (abs(first) + abs(second)) / abs(apart))
         condition = np.where(np.isnan(condition), np.inf, condition)
         apart = np.where(diagonal | (apart == 0.0), 1.0, apart)
-        # Eigenvectors (b, rate - a); a pair that is not diagonal has b, or only c.
+        # Eigenvectors are (b, rate - a); a pair with b = 0 and c other than 0 counts as defective.
         upper = np.where(diagonal, 1.0, b)
     n = len(used)
     to = np.zeros((2, n, 2, count), dtype=complex)
@@ -99,7 +102,7 @@ def _alone(generator: Array, used: Any) -> tuple[Any, Any, Any, float]:
 
 
 def _linked(generator: Array, scale: Array, used: Any) -> tuple[Any, Any, Any, float]:
-    """The same for pairs of which some drive others."""
+    """As `_alone`, for pairs with links."""
     count = len(scale)
     unit = np.concatenate([np.ones(count), np.where(scale > 0.0, scale, 1.0)])
     place = np.concatenate([used, used + count])
@@ -116,7 +119,7 @@ def _linked(generator: Array, scale: Array, used: Any) -> tuple[Any, Any, Any, f
 
 
 def _generator(mode: Mode) -> Array:
-    """Generator (2 slots, 2 slots) of the flat states."""
+    """State matrix (2 slots, 2 slots) of the flat states."""
     pairs = mode.pairs
     count = pairs.count
     out = np.zeros((2, count, 2, count))

@@ -52,7 +52,7 @@ class EnergyCoordinates:
 
     @staticmethod
     def of(given: Derivation) -> EnergyCoordinates:
-        """Energy coordinates of a structure; its modes decide which motions are rigid."""
+        """Energy coordinates of a structure; modes of frequency zero are its rigid motions."""
         modes = given.modes
         shapes = np.ascontiguousarray(modes.matrix)
         rigid = int(np.sum(modes.frequencies == 0.0))
@@ -85,7 +85,7 @@ class EnergyCoordinates:
         return EnergyCoordinates(shapes, rigid, scale, matrix, given.mass.dense, drag_rounding)
 
     def states(self, columns: DoubleDouble) -> DoubleDouble:
-        """Positions and velocities (2N, m) of coordinates (2N, m)."""
+        """Positions and velocities (2N, m) from coordinates (2N, m)."""
         n = len(self.scale)
         top, bottom = (DoubleDouble(*(p[s] for p in columns)) for s in (np.s_[:n], np.s_[n:]))
         top = divide(top, _double_double(self.scale[:, None]))
@@ -93,14 +93,15 @@ class EnergyCoordinates:
         return DoubleDouble(*(np.concatenate(p) for p in zip(*parts, strict=True)))
 
     def uncertain_drag(self, column: Array) -> float:
-        """Bound on the effect of rounded dashpots on the decay of a motion, (2N,)."""
+        """Bound on the effect of rounded dashpots on the decay rate of a motion, (2N,)."""
         velocity = np.abs(self.shapes @ column[len(self.scale) :])
         return float(velocity @ self.drag_rounding @ velocity)
 
     def inverse(self, matrix: DoubleDouble) -> Array:
         """The inverse of a matrix (2N, 2N) of states, accurate to the last bits of its entries.
 
-        The matrix is not rounded first: small shares of fast motions in slow ones would be lost.
+        The matrix is not rounded to doubles first, since this would lose the small shares of fast
+        motions in slow ones.
         """
         projector = self.shapes.T @ self.mass
         zero = np.zeros_like(projector)
@@ -120,12 +121,12 @@ def _double_double(a: Array) -> DoubleDouble:
 
 
 def _congruent(shapes: Array, matrix: SymmetricMatrix) -> DoubleDouble:
-    """The matrix shapes' matrix shapes."""
+    """The congruent matrix shapes' matrix shapes."""
     return product_with(np.ascontiguousarray(shapes.T), matrix.times(shapes))
 
 
 def _divided(matrix: DoubleDouble, deviation: DoubleDouble) -> DoubleDouble:
-    """The quotient (1 + deviation)^-1 matrix, of a small deviation."""
+    """The product (1 + deviation)^-1 matrix, for a small deviation, by fixed-point iteration."""
     quotient = matrix
     size = float(np.linalg.norm(deviation.high))
     error = size

@@ -1,4 +1,4 @@
-"""Free motion of a structure, and what impulses at its contact coordinate do to it."""
+"""Free motion of a structure, and its response to impulses along a contact row."""
 
 from __future__ import annotations
 
@@ -17,9 +17,7 @@ from dynkit.systems.impact.modes.structure import Contact, Excitation
 
 @final
 class FreeMotion:
-    """A structure without table and harmonic forces, in the slots of the kernels.
-
-    States are (2, slots).
+    """Free motion of a structure, without table and forces; states are (2, slots).
 
     Parameters
     ----------
@@ -29,9 +27,9 @@ class FreeMotion:
     ----------
     neutral : (b,)
         Slots of motions without restoring force, and of motions that dashpots couple to these.
-        They have no periodic response of their own.
+        Repeated kicks of one such slot alone have no periodic response.
     kick : (2, slots)
-        Change of the state by an impulse that changes the contact velocity by one.
+        Change of the state due to an impulse that changes the contact velocity by one.
     """
 
     def __init__(self, contact: Contact) -> None:
@@ -50,7 +48,7 @@ class FreeMotion:
 
     @cached_property
     def vectors(self) -> Array:
-        """(4, 2N): kick, its rate of change, rows of position and velocity, of the modes."""
+        """Kick, its rate of change, rows of contact position and velocity: (4, 2N), modes only."""
         modes = self.mode.layout.modes
         rows = [self.mode.pairs.derivative_rows(self._row, order) for order in (0, 1)]
         place, speed = np.stack(rows)[..., modes]
@@ -67,7 +65,7 @@ class FreeMotion:
 
 
 def _neutral(mode: Mode) -> NDArray[np.intp]:
-    """Slots of modes whose generator is singular, and of all modes linked to them."""
+    """Slots of modes whose 2x2 block is singular, and of all modes linked to them."""
     pairs, modes = mode.pairs, mode.layout.modes
     g = pairs.generator[:, modes]
     found = set(modes[g[0] * g[3] == g[1] * g[2]].tolist())

@@ -1,4 +1,4 @@
-"""Linear modes of the motion: evolution of states, changes of basis, transition matrices."""
+"""Linear modes: propagation of states, changes of basis, transition matrices."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from dynkit.systems.impact.modes.steady_response import Forced
 from dynkit.systems.impact.modes.structure import Contact, Excitation, Structure
 
 RESONANCE = "the free motion of the structure has that multiplier itself"
-"""Why there is no periodic response."""
+"""Message of `NoSolution` if there is no periodic response."""
 
 
 @final
@@ -55,7 +55,7 @@ class Mode:
         self._drifts = np.zeros(0)
 
     def turned(self, frequency: float) -> Mode | None:
-        """The mode at another frequency; None where the structure has a steady response to it."""
+        """The mode at another forcing frequency; None if its parts depend on the frequency."""
         forced = self.forced.turned(frequency)
         if forced is None:
             return None
@@ -65,9 +65,10 @@ class Mode:
         return out
 
     def anchor(self, stuck: int, places: list[int], drifts: Array, bodies: int) -> None:
-        """Set the sticking sliders: first of the last pairs, coordinates (s,), velocities (s,).
+        """Define the sticking sliders by their coordinates (s,) and surface velocities (s,).
 
-        All coordinates beyond the bodies are sliders.
+        Their pairs are the first ones among the last `stuck` pairs of the mode. All coordinates
+        from number `bodies` on are sliders.
         """
         count = len(self.layout.modes)
         self._anchors = np.arange(count - stuck, count - stuck + len(drifts))
@@ -76,7 +77,7 @@ class Mode:
     def coordinates(self, x: Array, v: Array, sine: Any, cosine: Any, one: Any = 1.0) -> Array:
         """Coordinates (..., 2, m) of positions and velocities (..., N).
 
-        Sticking sliders get the velocities of their surfaces in place of the given ones.
+        Velocities of sticking sliders are replaced by those of their surfaces.
         """
         forced, there = self.forced, self._anchored
         if len(there):
@@ -97,11 +98,11 @@ class Mode:
 
     @property
     def pairs(self) -> Pairs:
-        """How the numbers in all slots evolve."""
+        """The 2x2 blocks by which the states in all slots evolve."""
         return self.propagators.pairs
 
     def row(self, coefficients: Array) -> Array:
-        """Row (2, slots) of a combination (N,) of positions, relative to rest."""
+        """Row (2, slots) that gives a combination (N,) of positions, relative to `forced.rest`."""
         out = np.zeros((2, self.layout.slots))
         if self.forced.basis is not None:
             own = self.forced.gathered(coefficients)
@@ -112,7 +113,7 @@ class Mode:
         return out
 
     def placed(self, rows: Array) -> Array:
-        """Numbers (..., slots): given ones (..., m) in the slots of the modes, zero elsewhere."""
+        """Copy numbers (..., m) into the slots of the modes, (..., slots); others are zero."""
         out = np.zeros((*rows.shape[:-1], self.layout.slots))
         out[..., self.layout.own] = rows
         return out
@@ -135,7 +136,7 @@ class Mode:
         return q, states[..., 0, self.layout.table], states[..., 1, self.layout.table]
 
     def units(self) -> tuple[Array, Array]:
-        """Positions and velocities (2 slots, N) of unit states, relative to rest."""
+        """Positions and velocities (2 slots, N) of unit states, relative to `forced.rest`."""
         forced, layout = self.forced, self.layout
         x, v = np.zeros((2, 2, layout.slots, len(forced.rest)))
         if forced.basis is not None:
@@ -148,14 +149,14 @@ class Mode:
         return x.reshape(shape), v.reshape(shape)
 
     def driven(self) -> tuple[Array, Array]:
-        """Positions and velocities (3, N) by the sine, by the cosine, and at rest."""
+        """Steady positions and velocities (3, N): factors of sine and of cosine, constant parts."""
         forced = self.forced
         x = np.stack([forced.shape.real, forced.shape.imag, forced.rest])
         v = np.stack([forced.turning.real, forced.turning.imag, forced.drift])
         return x, v
 
     def contact(self, row: Array) -> Contact:
-        """The contact along a row (N,) of coordinates, restricted to those that are not held."""
+        """The contact along a row (N,), restricted to the coordinates that are not held."""
         assert self.structure is not None
         return self.structure.contact(self.forced.gathered(row))
 
@@ -187,7 +188,7 @@ class Mode:
         return out
 
     def _modes_from(self, one: Mode, stop: Element | None) -> Array:
-        """The change of basis of the modes alone, (2 modes, 2 other modes); kept with the basis."""
+        """Change of basis of the modes alone, (2 modes, 2 other modes); cached in the basis."""
         basis, other = self.forced.basis, one.forced.basis
         if basis is None or other is None:
             return np.zeros((2 * len(self.layout.modes), 2 * len(one.layout.modes)))
@@ -203,7 +204,7 @@ class Mode:
         return basis.changes[key]
 
     def sum(self, row: Array, offset: float) -> Any:
-        """The exponential sum ``offset + row . y`` as the kernels take it."""
+        """The exponential sum ``offset + row . y``, packed for the kernels."""
         row = row[:, : self.layout.seen]
         key = row.tobytes()
         if key not in self._sums:
@@ -219,13 +220,13 @@ class Mode:
         return x[..., : self.bodies], v[..., : self.bodies]
 
     def sliders(self, states: Array) -> Array:
-        """Places (k, J) of the sliders in states (k, 2, slots)."""
+        """Positions (k, J) of the sliders in states (k, 2, slots)."""
         if self.bodies == len(self.forced.rest):
             return np.empty((len(states), 0))
         return self.forced.positions(*self.parts(states))[..., self.bodies :]
 
     def after(self, starts: Array, which: Any, durations: Array) -> Array:
-        """States (m, 2, slots) at durations (m,) from some of the starts (k, 2, slots)."""
+        """States (m, 2, slots) after durations (m,), each from its start among (k, 2, slots)."""
         from dynkit.exponential.sampling_kernels import sample
 
         ladder, work = self.propagators.ladder, self.work
@@ -238,11 +239,11 @@ class Mode:
 
     @cached_property
     def work(self) -> Any:
-        """Buffers of kernels that fly states: no other thread runs while a kernel does."""
+        """Work arrays of kernels; shared by threads, as kernels hold Python's global lock."""
         return workspace(self.layout.slots)
 
     def flown(self, start: Array, durations: Array) -> Array:
-        """States (m, 2, slots) at durations (m,) from one start, (2, slots)."""
+        """States (m, 2, slots) after durations (m,) from one start, (2, slots)."""
         return self.after(start[None], np.zeros(len(durations), dtype=np.intp), durations)
 
     def rate(self, states: Array) -> Array:
@@ -262,14 +263,15 @@ class Mode:
         return np.setdiff1d(slots, linked), linked
 
     def repeated(self, period: float, kicks: Array) -> tuple[Transitions, Array, Array]:
-        """Transitions over a period, and states (k, 2, slots) just after kicks that repeat.
+        """Transitions over a period, and the periodic response to kicks (k, 2, slots).
 
-        And the derivative of these states by the period.
+        Each kick is repeated after every period. The response consists of the states (k, 2, slots)
+        just after the kicks and of their derivatives with respect to the period.
 
         Raises
         ------
         NoSolution
-            When the free motion has this period itself (resonance without damping).
+            When the free motion has this period, as at a resonance without damping.
         """
         from dynkit.systems.impact.modes.transition_kernels import repeat_kicks
 
@@ -286,7 +288,7 @@ class Mode:
         return Transitions(alone, linked, own, joint), kicked, moved
 
     def transitions(self, durations: Array, among: Any = None) -> Transitions:
-        """Transitions over the durations (k,) among some slots, the modes by default."""
+        """Transitions over durations (k,) for some slots; by default for those of the modes."""
         from dynkit.systems.impact.modes.transition_kernels import fly_units
 
         alone, linked = self._apart(self.layout.modes if among is None else among)
@@ -310,7 +312,8 @@ class Transitions:
     own : (k, 2, 2, slots)
         2x2 transition matrices of the slots without links; zero in other slots.
     joint : (k, 2, b, 2 b)
-        Transition matrices of the linked slots; columns are both numbers of one slot after another.
+        Transition matrices of the linked slots; columns: both coordinates of the first slot, then
+        those of the second, and so on.
     """
 
     def __init__(self, alone: Any, linked: Any, own: Array, joint: Array) -> None:
@@ -321,12 +324,12 @@ class Transitions:
 
     @cached_property
     def _dense(self) -> Array:
-        """Joint matrices (k, 2 b, 2 b), rows ordered as the columns are."""
+        """Joint matrices (k, 2 b, 2 b), with rows in the order of the columns."""
         k, _, b, _ = self.joint.shape
         return self.joint.transpose(0, 2, 1, 3).reshape(k, 2 * b, 2 * b)
 
     def matrices(self, slots: Any) -> Array:
-        """Transition matrices (k, 2 N, 2 N) of the states of some slots (N,), both rows in turn."""
+        """Transition matrices (k, 2 N, 2 N) of slots (N,); first, then second coordinates."""
         k, n = len(self.own), len(slots)
         out, at = np.zeros((k, 2, n, 2, n)), np.arange(n)
         out[:, :, at, :, at] = self.own[..., slots].transpose(3, 0, 1, 2)
@@ -339,14 +342,14 @@ class Transitions:
         return out.reshape(k, 2 * n, 2 * n)
 
     def amplification(self, slots: int) -> Array:
-        """Factors (slots,) by which rounding grows in a periodic response over the first duration.
+        """Factors (slots,) by which a periodic response amplifies rounding errors.
 
-        They are large near a resonance without damping.
+        The period is the first duration. The factors are large near a resonance without damping.
         """
         out = np.zeros(slots)
         (a, b), (c, d) = self.own[0][..., self.alone]
         whole, left = a * d - b * c, (1.0 - a) * (1.0 - d) - b * c
-        # of (1 - E)^-1 E: both numbers on its diagonal, half the sum of squares, the determinant
+        # of (1 - E)^-1 E: both diagonal entries, half the sum of squared entries, the determinant
         one, other, twist = (a - whole) / left, (d - whole) / left, whole / left
         half = 0.5 * (one * one + other * other + (b * b + c * c) / (left * left))
         out[self.alone] = np.sqrt(half + np.sqrt(np.maximum(half * half - twist * twist, 0.0)))
@@ -357,15 +360,16 @@ class Transitions:
         return out
 
     def periodic(self, states: Array, multiplier: complex = 1.0) -> Any:
-        """Return z, (k, 2, slots), with z = state + transition(z) / multiplier, first duration.
+        """Solve z = state + transition(z) / multiplier, (k, 2, slots), over the first duration.
 
-        They are the states just after kicks that are repeated after every period, multiplied each
-        time. In slots without transition they are the states after one kick.
+        The given states are kicks that are repeated after every period, each time multiplied by the
+        multiplier; z are the states just after the kicks. In slots without transition, z is the
+        state after one kick.
 
         Raises
         ------
         NoSolution
-            When the multiplier is one of the free motion.
+            When the multiplier is also a multiplier of the free motion.
         """
         from dynkit.systems.impact.modes.transition_kernels import repeat
 
@@ -382,7 +386,7 @@ class Transitions:
 
 
 def transformed(matrix: Array, states: Array) -> Array:
-    """States (k, 2, slots) in the other basis, by a `change_of_basis`."""
+    """States (k, 2, slots) in another basis, by an affine matrix from `Mode.seen_from`."""
     flat = states.reshape(len(states), states.shape[1] * states.shape[2])
     out = np.broadcast_to(matrix[:, -1], (len(flat), len(matrix)))
     if flat.shape[1]:  # a single mass on a table at rest has no state

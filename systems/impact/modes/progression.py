@@ -1,4 +1,4 @@
-"""Directions along which a machine progresses: nothing that acts on it depends on its place."""
+"""Directions along which a machine progresses: no force depends on its position along them."""
 
 from __future__ import annotations
 
@@ -13,18 +13,19 @@ from dynkit.systems.impact.elements.element import Element
 from dynkit.systems.structure.equations import in_echelon
 
 _ROUNDING = 8.0 * 2.0**-52
-"""Of each of N terms: what a row of length one makes of a direction of length one is zero."""
+"""Rounding error per term: a product of unit vectors counts as zero below this times its number of
+terms."""
 
 
 class Progression(NamedTuple):
-    """Directions along which states shift, and which part of a state lies along each.
+    """Directions along which states shift, and the components of a state along them.
 
     Attributes
     ----------
     shift : (d, m)
-        Columns: changes of a state (d,) that change no motion but for its place.
+        Columns: changes of a state (d,) that only shift the motion.
     part : (m, d)
-        Rows: ``part @ shift`` is the identity.
+        Rows that give the components of a state: ``part @ shift`` is the identity.
     """
 
     shift: Array
@@ -37,17 +38,17 @@ class Progression(NamedTuple):
         return cls(shift, np.asarray(part, dtype=np.float64))
 
     def removed(self, states: Array) -> Array:
-        """States (..., d) without their parts along the directions."""
+        """States (..., d) without their components along the directions."""
         return states - states @ self.part.T @ self.shift.T if self.shift.size else states
 
     @property
     def across(self) -> Array:
-        """Orthonormal changes (d, d - m) of states across all directions."""
+        """Orthonormal basis (d, d - m) of the changes of states orthogonal to all directions."""
         return np.asarray(null_space(self.shift.T))
 
 
 def depends_on_place(element: Element) -> bool:
-    """Whether an element acts by its gap; others act by its rate, or their spring moves along."""
+    """Whether an element depends on its gap; others depend on rates, or on a slider's stretch."""
     return any(
         regime.holds
         or (regime.stiffness and not regime.anchored)
@@ -57,19 +58,19 @@ def depends_on_place(element: Element) -> bool:
 
 
 def directions(rigid: Array, damping: Array, elements: Sequence[Element]) -> Array:
-    """Shifts (N + J, m) of positions and sliders that no spring and no element sees.
+    """Shifts (N + J, m) of positions and sliders that change no force of springs and elements.
 
-    There are none where neither a dashpot nor friction resists all velocities along them: then
-    motions are families, by their mean velocity.
+    There are none if neither a dashpot nor friction resists some velocity along them: the motions
+    then form families with the mean velocity as parameter.
 
     Parameters
     ----------
     rigid : (N, r)
         Independent motions without restoring force.
     damping : (N, N)
-        Derivatives of the forces by velocities.
+        Derivatives of the forces with respect to velocities.
     elements : sequence of Element
-        All along rows.
+        All of them act along rows of coordinates.
     """
     n, rows = len(rigid), [(depends_on_place(e), e.row(len(rigid))) for e in elements]
     slips = [*damping, *(row for placed, row in rows if not placed)]
@@ -84,7 +85,7 @@ def directions(rigid: Array, damping: Array, elements: Sequence[Element]) -> Arr
 
 
 def _unseen(rows: Sequence[Array], basis: Array) -> Array:
-    """The part (N, k) of orthonormal directions (N, r) along which all rows (N,) are zero."""
+    """Basis (N, k) of the subspace of orthonormal directions (N, r) on which all rows vanish."""
     sizes = [float(np.linalg.norm(row)) for row in rows]
     units = [row / size for row, size in zip(rows, sizes, strict=True) if size > 0.0]
     if not units:

@@ -6,7 +6,7 @@ from dynkit.core.jit import kernel
 from dynkit.core.validation import Array
 
 TOGETHER = 16
-"""Rows that are multiplied together: their products stay in the processor's cache."""
+"""Number of rows that are multiplied together, so that their products stay in the cache."""
 
 
 @kernel(entry=True)
@@ -18,7 +18,7 @@ def fill_products(rows: Array, columns: Array, out: Array) -> None:
         for j in range(columns.shape[0]):
             for k in range(first, last):
                 factor = rows[k, j]
-                if j == 0:  # a sum from zero would lose the sign of zero
+                if j == 0:  # a sum that starts from zero would lose the sign of zero
                     for i in range(size):
                         out[k, i] = factor * columns[0, i]
                 else:

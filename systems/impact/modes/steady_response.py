@@ -17,27 +17,28 @@ from dynkit.systems.impact.modes.bases import Basis, energy_of, row_by_row
 from dynkit.systems.structure.double_double import column_sums, two_product
 
 RESONANT = 1e-3
-"""Relative distance of a mode's rate from the forcing frequency below which the mode is driven step
-by step: its steady response would be so large that the rest of the motion lost digits."""
+"""Relative distance of a mode's eigenvalue from i times the forcing frequency below which a link
+from the table's slot drives the mode. Its steady response would be so large that the remaining
+motion would lose digits by cancellation."""
 
 DISTURBANCE = 8.0
-"""Disturbance of numbers by which `ImpactRecord.error` is estimated, in units of 2^-52: steady
-responses that lose more than this factor by cancellation are refined."""
+"""Relative size, in units of 2^-52, of the disturbances by which `ImpactRecord.error` is estimated.
+Steady responses that lose more than this factor by cancellation are refined."""
 
 HIDDEN = 2.0**-80
-"""Modes with a smaller share in a guard, relative to the largest share, are left out of it."""
+"""Share of a mode in a guard, relative to the largest share, below which it is left out."""
 
 
 @final
 @dataclass(frozen=True)
 class Layout:
-    """Slots of the kernels' arrays: first those that a search uses, then all others.
+    """Slots of the kernels' arrays: first those that a search for events uses, then all others.
 
     Attributes
     ----------
     modes : (m,) slot of each mode
     table, constant : slots of the sine and cosine of the phase and of the number one, -1 for none
-    seen, slots : number of slots that a search sees, and of all
+    seen, slots : number of slots that a search uses, and of all slots
     """
 
     modes: NDArray[np.intp]
@@ -48,13 +49,13 @@ class Layout:
 
     @cached_property
     def own(self) -> Any:
-        """The slots of the modes as an index: a slice, whose result is a view, where they may."""
+        """Index of the modes' slots: a slice, which gives a view, if they are the first ones."""
         count = len(self.modes)
         return slice(count) if (self.modes == np.arange(count)).all() else self.modes
 
     @staticmethod
     def of(hidden: NDArray[np.bool_], *, table: bool, constant: bool) -> Layout:
-        """The layout for modes (m,) of which some are hidden."""
+        """The layout for modes (m,), of which the hidden ones are left out of searches."""
         shown = int((~hidden).sum())
         modes = np.empty(len(hidden), dtype=np.intp)
         modes[~hidden] = np.arange(shown)
@@ -92,11 +93,11 @@ class Load:
 
 @final
 class Forced:
-    """Motion of N coordinates: some move in a basis under forces, the others are prescribed.
+    """Motion of N coordinates: m of them move in a basis under forces, the others are prescribed.
 
     Positions are Im(shape exp(i phase)) + rest plus those of the basis, velocities are
-    Im(turning exp(i phase)) + drift plus those of the basis. With ties (h, m), h of the other
-    coordinates also follow those of the basis.
+    Im(turning exp(i phase)) + drift plus those of the basis. With ties (h, m), the positions of h
+    other coordinates also contain ties times those of the basis.
     """
 
     def __init__(
@@ -124,7 +125,7 @@ class Forced:
             sine, cosine, still = basis.positions(response)
             self.shape += self.spread(sine) + 1j * self.spread(cosine)
             self.rest += self.spread(still)
-            # Where a mode is driven step by step the others alone have velocities of their own.
+            # Not i times the frequency times the shape: a mode driven by a link is not included.
             sine, cosine, still = basis.velocities(response)
             self.turning += self.spread(sine) + 1j * self.spread(cosine)
             self.drift += self.spread(still)
@@ -133,14 +134,14 @@ class Forced:
         self.shifts = bool(self.rest.any() or self.drift.any())
 
     def turned(self, frequency: float) -> Forced | None:
-        """The motion at another frequency; None where harmonic or resonant parts depend on it."""
+        """The motion at another frequency; None if harmonic or resonant parts depend on it."""
         if self.turns or self._own_links:
             return None
         return copied(self, frequency=frequency)
 
     @cached_property
     def rest_terms(self) -> Array:
-        """Sums (N,) of the absolute terms of the position of rest."""
+        """Sums (N,) of the absolute values of the terms that add up to `rest`."""
         terms = self._rest_given.copy()
         if self.basis is not None and self._still.any():
             places = self.basis.units()[0]
@@ -160,16 +161,16 @@ class Forced:
         return out
 
     def own(self, x: Array) -> Array:
-        """The basis's coordinates (..., m) among all, (..., N)."""
+        """Select the basis's coordinates (..., m) from all coordinates (..., N)."""
         return x if len(self.free) == self.rest.size else x[..., self.free]
 
     def gathered(self, row: Array) -> Array:
-        """A combination (N,) of all coordinates as one (m,) of the basis's coordinates."""
+        """Express a combination (N,) of all coordinates by the basis's coordinates, (m,)."""
         out = self.own(row)
         return out if self._ties is None else out + row[self._tied] @ self._ties
 
     def _response(self, basis: Basis, push: Array) -> Array:
-        """Steady response (3, 2, m) to pushes (3, 2, m); modes that have none are to be linked."""
+        """Steady response (3, 2, m) to pushes (3, 2, m); modes without one go to `_own_links`."""
         pairs, w = basis.pairs, self.frequency
         g = pairs.generator
         trace, determinant = g[0] + g[3], g[0] * g[3] - g[1] * g[2]
@@ -182,7 +183,7 @@ class Forced:
         chained = np.unique(pairs.links[0])
         alone = np.ones(pairs.count, dtype=bool)
         alone[chained] = False
-        # What drives others comes later among the slots.
+        # Sources of links have higher numbers than their targets, and are solved first.
         for modes in (np.flatnonzero(alone), *chained[::-1, None]):
             for target, source, b in zip(*pairs.links, pairs.coupling.T, strict=True):
                 if len(modes) == 1 and target == modes[0]:
@@ -201,9 +202,9 @@ class Forced:
         return response
 
     def arranged(self, hidden: NDArray[np.bool_], *, turns: bool) -> tuple[Layout, Propagators]:
-        """Slots for everything, and their steps; hidden modes are apart where nothing links them.
+        """Layout of all slots, and their propagators; hidden modes without links come last.
 
-        What does not depend on the frequency is kept with the basis.
+        Parts that do not depend on the frequency are cached in the basis.
         """
         if self.basis is None or self._own_links:
             layout, pairs = self._arranged(hidden, turns=turns)
@@ -242,7 +243,7 @@ class Forced:
     # --- coordinates (..., 2, m) of the modes, with the sine and cosine of the phase --------------
 
     def displacements(self, q: Array, sine: Any, cosine: Any) -> Array:
-        """Positions (..., N) less `rest`."""
+        """Positions (..., N) minus `rest`."""
         return np.asarray(self._own(q, "positions") + self._turned(sine, cosine, self.shape))
 
     def positions(self, q: Array, sine: Any, cosine: Any) -> Array:
@@ -250,7 +251,7 @@ class Forced:
         return np.asarray(self.displacements(q, sine, cosine) + self.rest)
 
     def speeds(self, q: Array, sine: Any, cosine: Any) -> Array:
-        """Velocities (..., N) less `drift`."""
+        """Velocities (..., N) minus `drift`."""
         return np.asarray(self._own(q, "velocities") + self._turned(sine, cosine, self.turning))
 
     def velocities(self, q: Array, sine: Any, cosine: Any) -> Array:
@@ -268,7 +269,7 @@ class Forced:
         return self.spread(getattr(self.basis, what)(q))
 
     def coordinates(self, d: Array, v: Array, sine: Any, cosine: Any) -> Array:
-        """Coordinates (..., 2, m) of positions less `rest` and velocities less `drift` (..., N)."""
+        """Coordinates (..., 2, m) of positions minus `rest`, velocities minus `drift`, (..., N)."""
         if self.basis is None:
             return np.zeros((*d.shape[:-1], 2, 0))
         if self.turns:
@@ -285,9 +286,10 @@ class Forced:
 
 
 def _steady(own: Array, low: Array, w: float, push: Array, lossy: NDArray[np.bool_]) -> Array:
-    """R (c, 2, k) with R Omega = (own + low) R + push, Omega the rate of (sine, cosine) or zero.
+    """Steady responses R (c, 2, k) of k modes: R Omega = (own + low) R + push.
 
-    Those that lose digits by cancellation, near a resonance, are refined once.
+    Omega is the rate matrix of (sine, cosine), or zero for constant pushes. Responses that lose
+    digits by cancellation near a resonance are refined once.
     """
     count = len(push)
     omega = np.array([[0.0, w], [-w, 0.0]])[:count, :count]

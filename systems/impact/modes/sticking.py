@@ -17,15 +17,18 @@ if TYPE_CHECKING:
     from dynkit.systems.impact.modes.structure import Held, Structure
 
 _CONSISTENT, _REFINEMENTS = 1e-9, 3
+"""Largest residual of a static solution, relative to the largest force; a larger one means that a
+force acts on a rigid motion. Number of steps of iterative refinement."""
 
 
 @final
 class StuckModes(Basis):
-    """Coordinates of a structure in which sums z = J x, (h,), have constant rates.
+    """Coordinates of a structure while the sums z = J x, (h,), have constant rates.
 
-    First those of the structure in which they are held, then the pairs (z, z'). With T and U the
-    positions that follow the others and z, x = T x_o + U z, the others are A z + B z' and what
-    their own basis adds: K_o A = -T' K U, K_o B = -T' C U - C_o A.
+    The first coordinates are those of the structure in which these sums are held; the pairs (z, z')
+    follow. Independent positions x_o determine all positions x = T x_o + U z. They are x_o = A z +
+    B z' plus a motion in the basis of the held structure, whose matrices are K_o and C_o: K_o A =
+    -T' K U, K_o B = -T' C U - C_o A.
     """
 
     def __init__(self, structure: Structure, rows: Array, still: Any, held: Held) -> None:
@@ -111,7 +114,8 @@ class StuckModes(Basis):
 def stuck(structure: Structure, rows: Array, still: NDArray[np.bool_]) -> Structure:
     """The structure while rows (h, N) of coordinates have constant rates; cached.
 
-    Some of the rates, (h,), are zero. Impacts are not affected, since friction forces are finite.
+    `still` (h,) marks rates that are zero. Impacts act as on the original structure, since friction
+    forces are finite.
     """
     key = rows.tobytes() + still.tobytes()
     if key not in structure.stuck:
@@ -121,9 +125,9 @@ def stuck(structure: Structure, rows: Array, still: NDArray[np.bool_]) -> Struct
 
 
 def _solved(structure: Structure, forces: DoubleDouble) -> Array:
-    """Static displacements (m, h) by forces (m, h), which must not act on rigid motions.
+    """Static displacements (m, h) due to forces (m, h), which must not act on rigid motions.
 
-    Refined, as soft structures multiply the rounding of a solution by their condition number.
+    The solution is refined, since a structure with a large condition number amplifies rounding.
     """
     stiffness = structure.stiffness
     even = np.array_equal(stiffness, stiffness.T)

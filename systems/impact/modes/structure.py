@@ -1,4 +1,4 @@
-"""Structures under impacts: mass, damping, stiffness, contacts, held coordinates, excitation."""
+"""Structures with impacts: mass, damping, stiffness, contacts, held coordinates, excitation."""
 
 from __future__ import annotations
 
@@ -26,19 +26,19 @@ from dynkit.systems.structure.traction import Traction, product_of
 
 @final
 class Structure:
-    """Data that follow from mass, damping and stiffness; oscillators with equal ones share it.
+    """Data that follow from mass, damping and stiffness; shared by oscillators with equal ones.
 
     Attributes
     ----------
     mass, damping, stiffness : (N, N)
     size : int
     sliders : int
-        Number of sliders, the last coordinates. They are massless; the matrix has a mass of one for
-        each, without coupling. Impacts do not move them.
+        Number of sliders, which are the last coordinates. They are massless, but the mass matrix
+        has an uncoupled mass of one for each. Impacts do not move them.
     free : Basis
     seen, stuck : dict
-        Caches: modes with a share in some rows, filled by `contact`; structures with sticking rows,
-        filled by `stuck`.
+        Caches: `seen` has the modes with a share in some rows, filled by `constrained.mode_of`;
+        `stuck` has the structures with sticking rows, filled by `sticking.stuck`.
     """
 
     def __init__(self, given: Derivation, sliders: int = 0, free: Basis | None = None) -> None:
@@ -52,7 +52,7 @@ class Structure:
             self.damping = self.damping + along @ damping.high
             self.stiffness = self.stiffness + along @ stiffness.high
         self.size, self.sliders = len(self.mass), sliders
-        # A copy, as structures are kept for as long as `given` lives.
+        # A copy: the cache of structures keeps them for as long as `given` itself exists.
         self._given = replace(given)
         self._stiffened: dict[tuple[tuple[bytes, float, float], ...], Structure] = {}
         self.stuck: dict[bytes, Structure] = {}
@@ -78,7 +78,7 @@ class Structure:
 
     @kept
     def without(self, places: NDArray[np.intp]) -> Structure | None:
-        """The structure of the other coordinates while these are zero; cached, None without any."""
+        """The structure of the other coordinates while these are zero, or None; cached."""
         if len(places) == self.size:
             return None
         left = int((places >= self.size - self.sliders).sum())
@@ -87,7 +87,7 @@ class Structure:
     def with_basis(self, basis: Basis) -> Structure:
         """The same structure with another basis."""
         other = copy.copy(self)
-        vars(other).pop("_kept", None)  # contacts are those of a basis
+        vars(other).pop("_kept", None)  # cached contacts depend on the basis
         other.free, other.seen, other.automata = basis, {}, {}
         return other
 
@@ -109,12 +109,12 @@ class Structure:
 
     @kept
     def dragged(self, along: Array, weights: Array) -> Structure:
-        """The same structure with traction ``along @ weights`` of spring forces; cached."""
+        """The same structure with forces ``along @ weights @ (C x' + K x)`` added; cached."""
         traction = Traction.of(along, weights, self._given.damping, self._given.stiffness)
         return Structure(replace(self._given, traction=traction), self.sliders)
 
     def forces(self, of: Literal["stiffness", "damping"], x: Array) -> DoubleDouble:
-        """Product (N, m) of a matrix with columns (N, m), to double-double accuracy."""
+        """Product (N, m) of stiffness or damping with columns (N, m), to double-double accuracy."""
         given = self._given
         product: DoubleDouble = getattr(given, of).times(x)
         if given.traction is not None:
@@ -129,7 +129,7 @@ class Structure:
 
     @kept
     def holding(self, rows: Array) -> Held:
-        """The structure with held rows (h, N) of coordinates; cached."""
+        """The structure while rows (h, N) of coordinates are held; cached."""
         return Held(self._given, rows, self.sliders)
 
 
@@ -146,7 +146,7 @@ class Held:
     by_sums : (h, h)
     ties : (h, m), or None if x_p does not depend on x_o
     weights : (h, N)
-        Forces along J as combinations of the forces on the coordinates.
+        Forces along the rows J as combinations of the forces on the coordinates.
     structure : Structure or None
         Structure of the independent coordinates.
     """
@@ -164,7 +164,7 @@ class Held:
         self.structure = None if left is None else Structure(left, sliders)
 
     def leaves(self, row: Array) -> Array:
-        """A combination (N,) of all coordinates by the independent ones, (m,); rounding is zero."""
+        """Express a combination (N,) by independent coordinates, (m,); rounding becomes zero."""
         out = row[self.others]
         if self.ties is not None:
             out = out + row[self.pivots] @ self.ties
@@ -178,7 +178,7 @@ class Held:
 
 
 ROUNDING = 1e-12
-"""Relative rounding error of a prescribed sum of coordinates."""
+"""Relative size below which a combination of coordinates, rates or forces counts as zero."""
 
 
 def place_of(row: Array) -> int:
@@ -196,11 +196,11 @@ def pivots_of(rows: Array) -> list[int]:
 
 
 _INDEPENDENT = 1e-9
-"""Relative size from which on a row depends on no others."""
+"""Smallest singular value of unit rows above which they count as linearly independent."""
 
 
 def independent(rows: Array) -> list[int]:
-    """Numbers of rows (k, N), the first ones, of which all are combinations."""
+    """Numbers of the first independent rows (k, N); all other rows are combinations of these."""
     lengths, found = np.linalg.norm(rows, axis=-1, keepdims=True), list[int]()
     units = rows / np.maximum(lengths, np.finfo(float).tiny)
     for k in range(len(rows)):
@@ -231,7 +231,7 @@ class Contact:
         self._rest = row[None, self.others] if row[self.others].any() else None
 
     def put(self, x: Array, total: Any) -> None:
-        """Set the row's sums (...) of positions or velocities (..., N) by coordinate `place`."""
+        """Set the row's sums (...) of positions or velocities (..., N) by a change of `place`."""
         if self._rest is not None:
             total = total - row_by_row(x[..., self.others], self._rest)[..., 0]
         x[..., self.place] = total / self.row[self.place]
@@ -248,21 +248,22 @@ class Contact:
 
     @cached_property
     def kick(self) -> Array:
-        """(4, N) change of the coordinates by `kick_velocity`, then its low parts."""
+        """Change (2, N) of the coordinates by `kick_velocity`, then its low parts: (4, N)."""
         return self.structure.free.kick(self.kick_velocity, self.row)
 
     @cached_property
     def brief(self) -> Array:
-        """(2, N) change of the coordinates by an `excursion`."""
+        """Change (2, N) of the coordinates by an `excursion`."""
         return self.structure.free.coordinates(*self.excursion)
 
     @cached_property
     def excursion(self) -> Array:
         """Changes (2, N) of positions and velocities by brief excursions of the sum J x.
 
-        To leading order, where its time integral is one. In coordinates of which J x is one the
-        positions of the others jump by m^-1 f and their velocities by m^-1 (g - c m^-1 f), with f =
-        -C k, g = -K k and k `kick_velocity`; m and c are the others' parts of M and C.
+        The changes are to leading order, for a time integral of the excursion of one. In
+        coordinates of which J x is one, the positions of the others jump by m^-1 f and their
+        velocities by m^-1 (g - c m^-1 f), with f = -C k, g = -K k and k `kick_velocity`; m and c
+        are the others' parts of M and C.
         """
         place, (m, c, _) = np.ix_(self.others, self.others), self._matrices
         out = np.zeros((2, len(m)))
@@ -273,22 +274,22 @@ class Contact:
 
     @cached_property
     def coupling(self) -> float:
-        """Largest change by an `excursion`.
+        """Largest change of a position or velocity by an `excursion`.
 
-        Effects of springs and dashpots may cancel up to terms that are smaller by a power of the
-        duration; therefore the effect of the springs alone also counts.
+        Effects of springs and dashpots may cancel to leading order; therefore the effect of the
+        springs alone also counts.
         """
         largest = abs(self.excursion).max()
         if len(self.others):
             largest = max(largest, abs(self._answer(2)).max())
-        # no other, or none that is tied to it: then the contact coordinate itself
+        # without other coordinates coupled to it: the contact coordinate itself
         return float(largest) or 1.0
 
     @cached_property
     def dragged(self) -> Array:
-        """Changes (2, N) of positions and velocities by brief excursions by impulses along J.
+        """Changes (2, N) of positions and velocities by brief excursions due to impulses along J.
 
-        As an `excursion`, to leading order, but nothing keeps J x where it was.
+        To leading order, as for an `excursion`, but J x itself may change, too.
         """
         s, k = self.structure, self.kick_velocity
         x = -np.linalg.solve(s.mass, s.damping @ k)
@@ -296,7 +297,7 @@ class Contact:
 
     @property
     def _back(self) -> Array:
-        """The coordinate at its place as a sum (N,) of the others and, there, J x."""
+        """Row (N,) that gives coordinate `place` from the others and, by its own entry, J x."""
         back = -self.row / self.row[self.place]
         back[self.place] = 1.0 / self.row[self.place]
         return np.asarray(back)
@@ -312,7 +313,7 @@ class Contact:
         return [part + np.outer(change, part[p]) for part in half]
 
     def _answer(self, part: int) -> Array:
-        """Accelerations (N - 1,) of the others by their part of C k or K k, k `kick_velocity`."""
+        """Accelerations (N - 1,) of the others by C k (part 1) or K k (2), k `kick_velocity`."""
         place, kick = np.ix_(self.others, self.others), self.kick_velocity.copy()
         kick[self.place] = 1.0
         forces = self._matrices[part][self.others] @ kick
@@ -327,7 +328,7 @@ def structure_of(given: LagrangianStructure) -> Structure:
     """The structure of an oscillator, shared by all oscillators with equal matrices."""
     if given._derivation not in _structures:
         derivation = given._derivation
-        smooth = derivation.motion is not None  # without a basis of its own
+        smooth = derivation.motion is not None  # its modal basis is made only when needed
         _structures[derivation] = Structure(
             derivation, free=None if smooth else basis_of(derivation)
         )
@@ -337,7 +338,7 @@ def structure_of(given: LagrangianStructure) -> Structure:
 @final
 @dataclass(frozen=True, eq=False)
 class Excitation:
-    """Harmonic and constant forces on all coordinates (N,), with phase' = frequency.
+    """Harmonic and constant forces on all coordinates (N,); `frequency` is the rate of the phase.
 
     Attributes
     ----------
@@ -351,7 +352,7 @@ class Excitation:
     turns: bool
 
     def pulled(self, element: Element, regime: Regime) -> Excitation:
-        """The same excitation with the forces that a moving element adds in a regime."""
+        """The same excitation plus the prescribed forces of an element in a regime."""
         k, c, row = regime.stiffness, regime.damping, element.row(len(self.constant))
         if k == c == regime.push == 0.0 or regime.anchored:
             return self

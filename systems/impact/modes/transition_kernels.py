@@ -1,4 +1,4 @@
-"""Transition matrices of linear modes, rates of their states, and states that repeat."""
+"""Transition matrices of linear modes, rates of change of states, and periodic responses."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ Indices = NDArray[np.intp]
 
 @kernel()
 def _clear(states: Array, row: int, slots: Indices, first: int, last: int) -> None:
-    """Set the start to zero, but for ones in a row of slots number `first` to `last` - 1."""
+    """Set the start state to zero, except for ones in a row of ``slots[first:last]``."""
     for i in range(states.shape[2]):
         states[START, 0, i], states[START, 1, i] = 0.0, 0.0
     for k in range(first, last):
@@ -26,7 +26,7 @@ def _clear(states: Array, row: int, slots: Indices, first: int, last: int) -> No
 
 @kernel()
 def fly_start(ladder: Ladder, time: float, states: Array) -> None:
-    """Write the start state after a time into the found state."""
+    """Advance the start state by a time; the result is the found state."""
     n = int(time / ladder.smallest)
     fly(ladder, n, time - n * ladder.smallest, states)
 
@@ -41,16 +41,16 @@ def fly_units(
     own: Array,
     joint: Array,
 ) -> None:
-    """Fill transition matrices over durations; they and `work` are modified in place.
+    """Fill `own` and `joint` with transition matrices; they and `work` are modified in place.
 
     Parameters
     ----------
     alone, linked
-        (a,), (b,) slots without links, which fly together, and with links
+        (a,), (b,) slots without links, which are advanced together, and slots with links
     durations
         (k,)
     own
-        (k, 2, 2, slots), zero in other slots than those without links
+        (k, 2, 2, slots), zero in all slots but those without links
     joint
         (k, 2, b, 2 b)
     """
@@ -92,14 +92,14 @@ def repeat(own: Array, states: Array, multiplier: Any, out: Any) -> bool:
     Parameters
     ----------
     own
-        (k, 2, 2, slots) transitions of each slot, of which the first is used
+        (k, 2, 2, slots) transition matrices of each slot, of which only the first one is used
     states, out
         (m, 2, slots)
 
     Returns
     -------
     bool
-        Whether there is such a z: the multiplier is none of the transition.
+        Whether z exists: False if the multiplier is an eigenvalue of a transition matrix.
     """
     for i in range(own.shape[3]):
         a, b = 1.0 - own[0, 0, 0, i] / multiplier, own[0, 0, 1, i] / multiplier
@@ -126,7 +126,7 @@ def repeat_kicks(
     kicked: Array,
     moved: Array,
 ) -> bool:
-    """Compute states just after kicks that repeat, of a mode without links, and their derivatives.
+    """Compute the periodic response to repeated kicks, and its derivative, without links.
 
     Parameters
     ----------
@@ -137,17 +137,18 @@ def repeat_kicks(
     kicks
         (k, 2, slots)
     kicked, moved
-        (k, 2, slots) modified in place: the states, and their derivatives by the period
+        (k, 2, slots) modified in place: the states just after the kicks, and their derivatives
+        with respect to the period
 
     Returns
     -------
     bool
-        Whether there are such states: see `repeat`.
+        Whether these states exist, see `repeat`.
     """
     fly_units(ladder, work, alone, alone[:0], period, own, joint)
     if not repeat(own, kicks, 1.0, moved):
         return False
-    # what the period makes of a periodic state is what it is just before the kick
+    # the state just before a kick is the state after it minus the kick
     for k in range(kicks.shape[0]):
         for i in range(kicks.shape[2]):
             moved[k, 0, i] -= kicks[k, 0, i]

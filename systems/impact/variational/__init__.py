@@ -1,1 +1,1 @@
-"""Derivatives of the motion by its start: saltation, tangent vectors, the derivative of the map."""
+"""Derivatives of the motion by its start: saltation, tangent map, derivative of the impact map."""

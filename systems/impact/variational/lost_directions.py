@@ -1,4 +1,4 @@
-"""Directions in which disturbances vanish: what stops, sticking friction and sliders take."""
+"""Directions in which disturbances vanish because of stops, sticking friction and sliders."""
 
 from __future__ import annotations
 
@@ -23,11 +23,12 @@ _Rates: TypeAlias = "tuple[float, list[tuple[float, float]]]"
 
 
 def lost_directions(oscillator: DrivenStructure, run: Trajectory) -> NDArray[np.intp]:
-    """Number (n,) of directions, at least, in which the map to each impact of a run is constant.
+    """Lower bound (n,) of the number of directions in which the map to each impact is constant.
 
-    The rank of a product is at most that of each factor. A closed stop takes a position and a
-    velocity, friction that sticks a velocity, a slider that slides its place. An impact of slope
-    zero takes the relative velocity, and one that stops the slip of friction this slip.
+    The rank of a product is at most that of each factor. A closed stop removes a position and a
+    velocity, sticking friction a velocity, and a sliding slider its position. An impact whose
+    rebound velocity has slope zero removes the relative velocity, and an impact whose friction ends
+    a slip removes this slip velocity.
     """
     s, known = run.segments, dict[int, int]()
     lasts, numbers = np.diff(s.begin), s.mode[:-1]
@@ -46,7 +47,7 @@ def lost_directions(oscillator: DrivenStructure, run: Trajectory) -> NDArray[np.
 
 
 def _taken(oscillator: DrivenStructure, regimes: tuple[int, ...]) -> int:
-    """Number of directions that a mode has less than the free structure."""
+    """Number of directions of the free structure that a mode removes."""
     parts, n = oscillator._automaton.parts, oscillator.degrees_of_freedom
     held, sticking = parts.grips(regimes)
     still, moving = (_rank(oscillator, some) for some in (held, (*held, *sticking)))
@@ -64,9 +65,9 @@ def _rank(oscillator: DrivenStructure, elements: tuple[int, ...]) -> int:
 
 
 def _at_impacts(oscillator: DrivenStructure, run: Trajectory, some: Any, number: int) -> Any:
-    """Number of directions that each impact at the end of some segments takes.
+    """Number of directions that each impact at the end of some segments removes.
 
-    They are impacts of one guard.
+    All of them are impacts of one guard.
     """
     s, automaton = run.segments, oscillator._automaton
     guard = automaton.guards[number]
@@ -79,7 +80,7 @@ def _at_impacts(oscillator: DrivenStructure, run: Trajectory, some: Any, number:
 
 
 def _at_impact(oscillator: DrivenStructure, run: Trajectory, k: int, guard: Any, law: Any) -> int:
-    """The same of the impact at the end of segment k."""
+    """Number of directions that the impact at the end of segment k removes."""
     s, automaton = run.segments, oscillator._automaton
     mode, bent = automaton.modes[guard.mode], oscillator._motion is not None
     lasts, first = s.begin[[k + 1]] - s.begin[k], np.zeros(1, dtype=np.intp)
@@ -91,7 +92,7 @@ def _at_impact(oscillator: DrivenStructure, run: Trajectory, k: int, guard: Any,
 
 
 def _sums(guard: Guard, y: Array) -> _Rates:
-    """Rate of a gap, and ratio and slip of each friction at its impact, as exponential sums."""
+    """Rate of a gap, and ratio and slip of each friction at its impact, by exponential sums."""
     slips = [
         (part.ratio, along(part.slip, 0) @ y.ravel() + part.slip.offset) for part in guard.scrapes
     ]
@@ -99,7 +100,7 @@ def _sums(guard: Guard, y: Array) -> _Rates:
 
 
 def _rates(automaton: Any, guard: Guard, y: Array) -> _Rates:
-    """The same where the energies are not quadratic."""
+    """As `_sums`, for a structure whose energies are not quadratic."""
     mode, (sine, cosine) = automaton.modes[guard.mode], y[:, -1].tolist()
     x, v = mode.motion(y)
     rubs = automaton.scrapes(guard, x, float(np.arctan2(sine, cosine)))

@@ -1,4 +1,4 @@
-"""Exact derivative of the impact map, through contact and release where they occur."""
+"""Exact derivative of the impact map, also through contact and release."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ from dynkit.systems.impact.variational.saltation import along, comes_by_itself, 
 from dynkit.systems.impact.variational.taylor_derivative import followed, hit, rubbed, rubs_on
 
 _ORDERS = 16
-"""Terms of Taylor series for the smallest step: the remainder is below 3e-17."""
+"""Number of terms of Taylor series over the smallest step; the remainder is below 3e-17."""
 
 if TYPE_CHECKING:
     from dynkit.systems.impact.simulation.driven_structure import DrivenStructure
@@ -33,10 +33,11 @@ if TYPE_CHECKING:
 def derivatives(oscillator: DrivenStructure, run: Trajectory) -> Array:
     """Derivatives (n, d, d) in section coordinates, from each point of a run to the next.
 
-    Each is the product of the derivatives of: free coordinates by section coordinates; each mode on
-    the way, up to the zero of its guard; the impact law. A mode that is entered at the start is
-    entered for all neighbouring starts. The omitted bounces of a chatter lose the dependence on the
-    relative velocity. Where the energies are not quadratic a run has one impact.
+    Each is a product of derivatives: of free coordinates by section coordinates, of each mode on
+    the way up to the zero of its guard, and of the impact law. A mode that is entered at the start
+    counts as entered for all neighbouring starts. After the omitted bounces of a chatter, the
+    motion no longer depends on the relative velocity. If the energies are not quadratic, the run
+    must have one impact.
     """
     if not run.impacts:
         raise NoCrossing(f"there is no next impact: {run.ending.value}")
@@ -55,25 +56,26 @@ def derivatives(oscillator: DrivenStructure, run: Trajectory) -> Array:
 
 @final
 class _Way:
-    """The modes that a run passes, and their derivatives up to the zeros of their guards.
+    """The modes along a run, and their derivatives up to the zeros of their guards.
 
-    A flight is what a segment of the run begins; it ends where the next segment begins.
+    Each segment of the run begins a flight, which ends where the next segment begins.
 
     Attributes
     ----------
     first : list of int
         The first flight after each point.
     reached : (K,)
-        Guard whose zero ends each flight: that of the impact where others reach theirs with it.
+        Guard whose zero ends each flight. For an event that a simultaneous impact causes, it is the
+        guard of this impact.
     flown : {int: (ends, flows, rates)}
-        Of each mode in which time passes the states (k, 2, slots) at the ends of its flights, their
-        derivatives (k, 2 slots, 2 slots) by those at the begins, and their rates (k, 2 slots).
+        For each mode, the states (k, 2, slots) at the ends of its flights of positive duration,
+        their derivatives (k, 2 slots, 2 slots) by the states at the begins, and their rates (k, 2
+        slots).
     place : (K,)
         Number of each flight among those of its mode.
     low : (K,)
-        Whether a flight is from a stop to the same one, and shorter than its gap's least step.
-        The gap and its rate would be differences, of which rounding leaves nothing after low
-        bounces.
+        Whether a flight returns to its stop in less than the smallest step of the gap. For such low
+        bounces, the gap and its rate would be differences that are lost in rounding.
     turns : (2, n + 1)
         Sine and cosine of the phase at the points.
     """
@@ -86,7 +88,7 @@ class _Way:
         turns = run.coordinates[1:] if run.impacts > 1 else run.final._turn
         self.turns = np.column_stack([run.start._turn, turns])
         self.reached, self.lasts = s.guard[1:].copy(), np.diff(s.begin)
-        if self.hit:  # what an impact that follows at once brings about
+        if self.hit:  # events that a simultaneous impact causes
             inner = s.point[1:] == s.point[:-1]
             at_once = inner & (s.begin[1:] == run.time[s.point[:-1]])
             for k in np.flatnonzero(at_once).tolist():
@@ -128,10 +130,10 @@ class _Way:
         return out
 
     def alike(self) -> Iterator[Any]:
-        """Numbers (m,) of points on whose ways to the next ones the same happens."""
+        """Groups (m,) of points with the same modes and events on their ways to the next points."""
         s, first = self.run.segments, np.array(self.first)
         told = s.mode[:-1], s.guard[1:], self.reached, self.lasts > 0.0, self.low, s.speed[1:] > 0.0
-        # friction that sticks before any time has passed
+        # for friction that sticks before any time has passed
         at_once = s.begin[1:] == s.begin[first[s.point[:-1]]]
         flights = np.unique(np.column_stack([*told, at_once]), axis=0, return_inverse=True)[1]
         kinds, found = flights.reshape(-1).astype(np.int64), dict[bytes, list[int]]()
@@ -140,10 +142,10 @@ class _Way:
         return map(np.array, found.values())
 
     def passed(self, points: Any, derivative: Array) -> tuple[Array, Array, Array]:
-        """Derivatives of the next points after some that are `alike`.
+        """Derivatives at the next points, after points that are `alike`.
 
-        Of their free states (m, 2 slots, d), their laws and their times (m, d). The derivatives of
-        these points' free states are (m, 2 slots, d).
+        They are those of the free states (m, 2 slots, d), of the gap's rates after the impacts and
+        of the times (m, d). `derivative` is that of the free states before, (m, 2 slots, d).
         """
         oscillator, s = self.oscillator, self.run.segments
         first = np.array(self.first)[points]
@@ -153,7 +155,7 @@ class _Way:
         for step in range(count):
             k = first + step
             guard, last = self.guards[s.guard[k[0] + 1]], step == count - 1
-            # a period of the forcing ends when it does
+            # the end of a forcing period has a fixed time
             closes = last and not self.hit and not oscillator._cycled
             y, rate, derivative, later = self._flown(
                 points, k, derivative, -time if closes else None
@@ -185,7 +187,7 @@ class _Way:
         return self._seen_from(0, guard.mode, derivative), law, time
 
     def in_section(self, derivatives: Array, laws: Array, times: Array) -> Array:
-        """Derivatives (n, d, d) in section coordinates, of what `passed` gives for each point."""
+        """Derivatives (n, d, d) in section coordinates, from the results of `passed`."""
         oscillator, free, d = self.oscillator, self.oscillator._free, self.oscillator.dimension
         states = derivatives.swapaxes(1, 2).reshape(-1, 2, free.layout.slots)
         q, *by_turn = free.parts(states)
@@ -212,9 +214,9 @@ class _Way:
     def _flown(
         self, points: Any, k: Any, derivative: Array, given: Array | None
     ) -> tuple[Array, Array, Array, Array]:
-        """States, rates and derivatives (m, 2 slots, d) after flights, and by how much later.
+        """States, rates and derivatives (m, 2 slots, d) after flights, and those of the end times.
 
-        The latter, (m, d), may be given.
+        The derivatives (m, d) of the end times may be given.
         """
         s, reached = self.run.segments, self.guards[self.reached[k[0]]]
         mode, row, count = self.modes[reached.mode], along(reached.sum, 0), len(k)
@@ -239,7 +241,7 @@ class _Way:
         return begin, rate, derivative, later
 
     def _seen_from(self, number: int, other: int, derivative: Array) -> Array:
-        """A derivative (2 slots, d) of states of another mode, as that of states of a mode."""
+        """Convert a derivative (2 slots, d) of states to a mode's basis from another one."""
         if number == other:
             return derivative
         if (number, other) not in self._seen:
@@ -248,9 +250,10 @@ class _Way:
 
 
 def tangent(oscillator: DrivenStructure, state: ImpactState) -> Array:
-    """Orthonormal disturbances (d, d - 2) of section coordinates that stay on a stop.
+    """Orthonormal disturbances (d, d - 2) of section coordinates that keep a state on its stop.
 
-    The stop acts along a function of the coordinates. Without a stop, (d, d - 1).
+    The stop acts along a function of the coordinates. Without hard stops, they are (d, d - 1) and
+    keep the state on the section.
     """
     n, d, hit = oscillator.degrees_of_freedom, oscillator.dimension, not oscillator._strobed
     lifted = _lift(oscillator, state).reshape(2, -1, d)
@@ -260,7 +263,7 @@ def tangent(oscillator: DrivenStructure, state: ImpactState) -> Array:
 
 
 def _by_variations(oscillator: DrivenStructure, state: ImpactState, run: Trajectory) -> Array:
-    """The same where the energies are not quadratic."""
+    """The derivative (d, d) of a run with one impact, if the energies are not quadratic."""
     side, n = run.final.element, oscillator.degrees_of_freedom
     out, end = followed(oscillator, run, _lift(oscillator, state))
     if oscillator._strobed:
@@ -284,10 +287,10 @@ def _by_variations(oscillator: DrivenStructure, state: ImpactState, run: Traject
 
 
 def _held_fast(oscillator: DrivenStructure, guard: Any, derivative: Array) -> Array:
-    """The derivative after friction that sticks from the start on has stopped what slips beside it.
+    """The derivative after friction that sticks from the start on has stopped its slip.
 
-    A neighbouring start slips at a small velocity, until an impulse of the friction has taken it:
-    along the row of this friction, and along those of other friction, which goes on to stick.
+    A neighbouring start slips at a small velocity, which an impulse of the friction makes zero.
+    Friction that sticks already has impulses, too, so that it continues to stick.
     """
     automaton, mode = oscillator._automaton, oscillator._automaton.modes[guard.mode]
     sticking = [*automaton.parts.grips(automaton.regimes[guard.mode])[1], guard.element]
@@ -304,10 +307,12 @@ def _kept_slipping(
 ) -> None:
     """Change a derivative, in place, by friction in bounces that contact replaces.
 
-    What slips gets back what contact takes too much; of what sticks nothing is left.
+    Friction in contact takes more slip velocity than it would in the bounces, by `ratio` times the
+    speed of the first bounce. Slipping friction gets this excess back. If friction sticks, its
+    disturbance of the slip velocity becomes zero.
     """
     automaton, s = oscillator._automaton, run.segments
-    switched = s.point == s.point[k]  # the guard of the impact that follows is that of its friction
+    switched = s.point == s.point[k]  # later impacts have their own friction
     times, guards = s.begin[k:][switched[k:]], s.guard[k:][switched[k:]]
     guard = automaton.guards[int(s.guard[k])]
     for part in guard.scrapes:
@@ -323,7 +328,7 @@ def _kept_slipping(
 
 
 def _slopes(stop: HardStop, rates: Array, speeds: Array) -> Array:
-    """Slopes (m,) of the velocity with which a stop is left over that of the approach."""
+    """Derivatives (m,) of the rebound velocity by the approach velocity."""
     law = stop.restitution
     if not isinstance(law, ImpactLaw):
         return np.full(len(rates), law)
@@ -358,7 +363,7 @@ def _lift(oscillator: DrivenStructure, state: ImpactState) -> Array:
         place, moving = np.zeros((2, d))
         far = state.element == 1 and oscillator._faces
         moving[-2] = -stop.sign if far else stop.sign
-        # a quarter of a turn on
+        # derivatives by the phase: sine and cosine a quarter of a turn ahead
         place[-1] = stop.swing(cosine, -sine)
         moving[-1] = stop.swing_rate(oscillator.frequency, cosine, -sine)
         if oscillator._bent:
@@ -388,16 +393,16 @@ def _turned(oscillator: DrivenStructure, side: int, sine: Array, cosine: Array) 
 
 
 def _later(risen: Array, speeds: Array) -> Array:
-    """Derivatives (m, d) of the times of events whose guards fall at some speeds."""
+    """Derivatives (m, d) of event times, from those of the guards and from their rates (m,)."""
     if not speeds.all():
         raise TangentCrossing("an event of the motion grazes, to rounding")
     return -risen / speeds[:, None]
 
 
 def _low_flights(mode: Mode, y: Array, derivative: Array, durations: Array) -> tuple[Array, Array]:
-    """Changes of states (m, 2, slots), and of their derivatives (m, 2 slots, d), by flights.
+    """Changes of states (m, 2, slots), and of their derivatives (m, 2 slots, d), over flights.
 
-    They are Taylor series: what is small beside the state keeps its digits.
+    They are sums of Taylor series, so that changes much smaller than the state keep their digits.
     """
     count, slots, d = derivative.shape
     others = derivative.swapaxes(1, 2).reshape(count, d, *y.shape[1:])

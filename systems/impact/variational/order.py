@@ -1,7 +1,7 @@
-"""Events that happen at once: whether their order counts.
+"""Simultaneous events: whether their order matters.
 
-Of two events at once neighbouring motions have the one or the other first. Where what becomes of a
-disturbance is not the same in both orders, the motion has no derivative.
+Motions in the neighbourhood of two simultaneous events have either of them first. If the tangent
+maps of both orders differ, the motion has no derivative.
 """
 
 from __future__ import annotations
@@ -22,10 +22,10 @@ from dynkit.systems.impact.variational.saltation import along, falls, reset, scr
 from dynkit.systems.impact.variational.taylor_derivative import hit, rubbed
 
 _NEAR = 2.0**-40
-"""Parts of a period of the forcing: events that are so near happen at once."""
+"""Time, in periods of the forcing, within which events count as simultaneous."""
 
 _LIKE = 1e-9
-"""Relative difference of what two orders do: where it is more, they differ."""
+"""Largest difference of results that count as equal, relative to one plus the size of a result."""
 
 if TYPE_CHECKING:
     from dynkit.systems.impact.simulation.driven_structure import DrivenStructure
@@ -33,7 +33,7 @@ if TYPE_CHECKING:
 
 
 def check_order(oscillator: DrivenStructure, run: Trajectory) -> None:
-    """Raise NoDerivative where events of a run happen at once, and their order counts."""
+    """Raise NoDerivative if events of a run are simultaneous and their order matters."""
     if len(oscillator._elements) < 2:
         return
     kind = _Linear if oscillator._motion is None else _Curved
@@ -41,7 +41,7 @@ def check_order(oscillator: DrivenStructure, run: Trajectory) -> None:
 
 
 class _Step(NamedTuple):
-    """An event: its guard, whether it is an impact, and whether none at once brings it about."""
+    """An event: its guard, whether it is an impact, and whether no simultaneous event causes it."""
 
     guard: Any
     hits: bool
@@ -49,7 +49,7 @@ class _Step(NamedTuple):
 
 
 class _Orders(ABC):
-    """The events of a run, and what they do in another order."""
+    """Comparison of both orders of the simultaneous events of a run."""
 
     def __init__(self, oscillator: DrivenStructure, run: Trajectory) -> None:
         self.oscillator, self.run, self.s = oscillator, run, run.segments
@@ -58,9 +58,10 @@ class _Orders(ABC):
         self.hit, self.brief = not oscillator._strobed, _NEAR * TWO_PI / oscillator.frequency
 
     def check(self) -> None:
-        """Raise NoDerivative where two events at once do not commute.
+        """Raise NoDerivative if two simultaneous events do not commute.
 
-        At the start itself the derivative is that for neighbouring starts.
+        Events at the start are not compared: the derivative assumes that neighbouring starts have
+        the same ones.
         """
         s, first = self.s, 0
         near = (np.diff(s.begin) <= self.brief).tolist()
@@ -74,10 +75,10 @@ class _Orders(ABC):
                 self._compare(first - 1, range(first, q + 1))
 
     def _compare(self, k: int, events: range) -> None:
-        """Compare the orders of all pairs of events at once, after segment k.
+        """Compare both orders of all pairs of simultaneous events at the end of segment k.
 
-        What is zero there, and falls, comes by itself; each recorded event that is not zero there
-        belongs to the one before it.
+        Events whose guards are zero there, and fall, are independent. Each other recorded event is
+        a consequence of the independent event before it.
         """
         number, y = self._end(k)
         begin = self.automaton.guard(number, -1)
@@ -90,7 +91,7 @@ class _Orders(ABC):
             element: [_Step(g, g.watch.event == IMPACT, True)] for element, g in comes.items()
         }
         s, now, end = self.s, -1, events.stop
-        if end == len(s.begin):  # what follows the last impact at once
+        if end == len(s.begin):  # add events simultaneous with the last impact
             run = self.run
             s = trajectory_of(self.oscillator, run.start, run.impacts + 1, store=True).segments
             end = int((s.begin <= s.begin[end - 1] + self.brief).sum())
@@ -99,7 +100,7 @@ class _Orders(ABC):
             if guard.element in comes and hits == groups[guard.element][0].hits:
                 now = guard.element
                 comes.pop(now)
-            elif now >= 0 and (self.hit or not hits):  # the end of a period is no event
+            elif now >= 0 and (self.hit or not hits):  # the end of a forcing period is no event
                 groups[now].append(_Step(guard, bool(hits), False))
         for one, other in combinations(groups, 2):
             if not self._commute(k, groups[one], groups[other]):
@@ -119,9 +120,9 @@ class _Orders(ABC):
         return True
 
     def _after(self, k: int, order: list[_Step]) -> tuple[int, Array, Array] | None:
-        """Mode, state and disturbances after events in this order, all at the time of segment k.
+        """Mode, state and disturbances after events in this order, all at the end of segment k.
 
-        None where they do not happen in this order.
+        None if the events do not happen in this order.
         """
         number, y = self._end(k)
         disturbances = np.eye(len(self._rate(number, y)))
@@ -152,7 +153,7 @@ class _Orders(ABC):
         return number, y, disturbances - np.outer(self._rate(number, y), late)
 
     def _comes(self, guard: Any, y: Array) -> bool:
-        """Whether a guard is zero, and falls at a speed that is more than rounding."""
+        """Whether a guard is zero, and falls at a speed beyond rounding."""
         row, rate = self._row_and_rate(guard, y)
         return falls(self._value(guard, y), row * rate, self.oscillator.frequency)
 
@@ -170,7 +171,7 @@ class _Orders(ABC):
 
     @abstractmethod
     def _row_and_rate(self, guard: Any, y: Array) -> tuple[Array, Array]:
-        """Derivative of a guard by disturbances, and the rate of the state."""
+        """Gradient of a guard by the disturbances, and the rate of the state."""
 
     @abstractmethod
     def _struck(self, guard: Any, y: Array, disturbances: Array) -> tuple[Array, Array]:
@@ -183,7 +184,7 @@ class _Orders(ABC):
 
 @final
 class _Linear(_Orders):
-    """Of linear modes: disturbances of the state of a mode, (2 slots, 2 slots)."""
+    """For linear modes; disturbances (2 slots, 2 slots) are those of the state of a mode."""
 
     def _value(self, guard: Any, y: Array) -> float:
         return float(along(guard.sum, 0) @ y.ravel()) + float(guard.sum.offset)
@@ -219,7 +220,7 @@ class _Linear(_Orders):
 
 @final
 class _Curved(_Orders):
-    """Of modes by Taylor's method: disturbances (2 N + J + 1, 2 N + J + 1)."""
+    """For modes by Taylor's method; disturbances are (2 N + J + 1, 2 N + J + 1)."""
 
     def _number(self, guard: Any) -> int:
         """Number of a guard within its mode."""

@@ -2,13 +2,13 @@
 
 An impact changes the rate g' of the gap by J = -(1 + r) g', and the state by J b, where b is the
 kick. Let c and c' be the rows of the gap and of its rate, A the generator of the flow, and g' and
-g'' the values before the impact. A disturbance y of the state, and a disturbance s of the time of
-the impact, become, compared at one time,
+g'' the values before the impact. Let y be a disturbance of the state, and s one of the time of the
+impact. The disturbance of the state after the impact, compared at one time, is
 
     y - (1 + r) b (c' y + g'' s) + (1 + r) g' A b s.
 
-For an impact where the gap is zero, s = -c y / g'. Where r depends on the velocity -g', the first
-r in this formula is the slope d(r g')/dg', the second one is r.
+For an impact where the gap is zero, s = -c y / g'. If r depends on the velocity -g', the first r
+in this formula is the slope d(r g')/dg', and the second one is r.
 
 References
 ----------
@@ -27,8 +27,8 @@ from dynkit.systems.impact.elements.element import HALT, EventKind
 from dynkit.systems.impact.modes.mode import transformed
 
 _AT_ONCE = 1e-9
-"""Events nearer to each other than this many radians of the forcing happen at once. And part of the
-rates of which a speed is a sum: less is rounding."""
+"""Time, in radians of the forcing, within which a guard counts as zero. Also the relative size of a
+speed, which is a sum, below which it counts as rounding: abs(sum) < _AT_ONCE * sum(abs(terms))."""
 
 if TYPE_CHECKING:
     from dynkit.systems.impact.simulation.driven_structure import DrivenStructure
@@ -38,11 +38,11 @@ if TYPE_CHECKING:
 def comes_by_itself(
     s: Segments, k: int, guard: Any, value: float, rates: Array, frequency: float
 ) -> bool:
-    """Whether the event after segment k of no duration is not what the one before it brought about.
+    """Whether the event after segment k of zero duration is independent of the event before it.
 
-    So it is where a machine is symmetric: what a guard watches is zero, and falls at a speed, the
-    sum of the rates, which is more than their rounding. Of friction that sticks from an impact on,
-    the slip is zero as well.
+    Such events occur in symmetric machines: the guard is zero, and falls at a speed, the sum of the
+    rates, beyond rounding. Friction that sticks from an impact on is excluded, as the impact makes
+    its slip zero, and so is a second event of the same element.
     """
     sticks = guard.watch.event == HALT and s.kind[k] == EventKind.IMPACT
     own = s.element[k] == guard.element
@@ -50,23 +50,24 @@ def comes_by_itself(
 
 
 def falls(value: float, rates: Array, frequency: float) -> bool:
-    """Whether what a guard watches is zero, and falls at a speed, the sum of the rates."""
+    """Whether a guard is zero, and falls at a speed, the sum of the rates, beyond rounding."""
     speed, size = float(rates.sum()), float(abs(rates).sum())
     return speed < -_AT_ONCE * size and abs(value) * frequency <= -_AT_ONCE * speed
 
 
 def reset(slope: float | Array, kick: Array, by_rate: Array) -> Array:
-    """Change of disturbances (..., d, k) by impacts, from the rates (..., k) of the gap.
+    """Change (..., d, k) of disturbances by impacts, from disturbances (..., k) of the gap's rate.
 
-    Slopes are one, or (..., 1, 1).
+    The slope is one number, or an array (..., 1, 1).
     """
     return np.asarray(-(1.0 + slope) * (kick[:, None] * by_rate[..., None, :]))
 
 
 def slowed(part: Any, jump: float, y: Array) -> Array:
-    """What friction at an impact takes of a state (2, slots), by (1 + r) times the gap's rate.
+    """Change that friction at an impact subtracts from a state (2, slots).
 
-    It takes `ratio` times the change of the gap's rate from the slip velocity, or all of that.
+    The jump is (1 + r) times the gap's rate. Friction reduces the slip velocity by `ratio` times
+    this jump, or to zero if the slip velocity is less.
     """
     w = float(along(part.slip, 0) @ y.ravel()) + part.slip.offset
     most = abs(part.ratio * jump)
@@ -74,7 +75,7 @@ def slowed(part: Any, jump: float, y: Array) -> Array:
 
 
 def scraped(part: Any, restitution: float, gap: Any, y: Array, derivative: Array) -> Array:
-    """Change of a derivative (2 slots, d) before an impact by its friction: see `slowed`."""
+    """Change of a derivative (2 slots, d) by the friction at an impact: see `slowed`."""
     w, kick = float(along(part.slip, 0) @ y.ravel()) + part.slip.offset, part.kick[:2].ravel()
     by_rate = (1.0 + restitution) * part.ratio * along(gap, 2)
     if abs(w) <= abs(float(by_rate @ y.ravel())):
@@ -83,7 +84,7 @@ def scraped(part: Any, restitution: float, gap: Any, y: Array, derivative: Array
 
 
 def along(ladder: Any, order: int) -> Array:
-    """The row of f (0) or f' (2) of an exponential sum, (2 slots,)."""
+    """The row (2 slots,) of f (order 0) or f' (order 2) of an exponential sum."""
     row = np.zeros((2, ladder.step.shape[2]))
     row[:, : ladder.rows.shape[1]] = ladder.rows[order : order + 2]
     return row.ravel()
@@ -92,8 +93,8 @@ def along(ladder: Any, order: int) -> Array:
 def saltation(slope: float | Array, rates: Array, bends: Array) -> Array:
     """Numbers p and q, (n, 2), of saltation matrices 1 + b (p c + q c') - (1 + r) A b c of impacts.
 
-    They depend on g' and g'' before the impacts, (n,); q is -(1 + r) where r is constant. They are
-    zero where the motion only touches, g' = 0, since no derivative exists there.
+    They depend on g' and g'' before the impacts, (n,); q is -(1 + r) if r is constant. They are
+    zero for a grazing impact, g' = 0, since no derivative exists there.
     """
     found, hit = np.empty((len(rates), 2)), rates != 0.0
     found[:, 0] = (1.0 + slope) * bends / np.where(hit, rates, np.inf)
@@ -104,8 +105,8 @@ def saltation(slope: float | Array, rates: Array, bends: Array) -> Array:
 def release(oscillator: DrivenStructure, element: int) -> Array:
     """Derivative (2N, 2 stuck modes) of the free state by the stuck state at a release.
 
-    The contact force is zero there, so the rate of the state does not jump, and a change of the
-    time of release has no effect.
+    The contact force is zero at the release. Therefore the rate of the state does not jump, and a
+    change of the time of release has no effect.
     """
     contact = oscillator._automaton.held(element)
     modes, slots = contact.mode.layout.modes, contact.mode.layout.slots
@@ -116,8 +117,9 @@ def release(oscillator: DrivenStructure, element: int) -> Array:
 def closing(oscillator: DrivenStructure, element: int, states: Array, speeds: Array) -> Array:
     """Derivatives (k, 2 stuck modes, 2N) of stuck states by the free states (k, 2, slots) before.
 
-    Contact begins at an impact, in place of the omitted bounces. A disturbance that changes the gap
-    by g delays this impact by -g / u, and the rates before and after it differ.
+    Contact begins at an impact, in place of the omitted bounces. A disturbance g of the gap just
+    after this impact means that the impact is later by -g / u. This delay has an effect, since the
+    rate of the state jumps as contact begins.
     """
     contact, gap = oscillator._automaton.held(element), oscillator._gaps[element]
     modes, slots = contact.mode.layout.modes, contact.mode.layout.slots

@@ -1,4 +1,4 @@
-"""Kernel that proves by norms, without eigenvalues, that a motion is on a stable orbit."""
+"""Kernel that proves the stability of an orbit by norms, without eigenvalues."""
 
 from __future__ import annotations
 
@@ -11,22 +11,22 @@ from dynkit.core.validation import Array
 from dynkit.systems.impact.variational.tangent_kernels import acceleration, fill_flight, fly, jump
 
 TOLERANCE = 1e-6
-"""Largest recurrence of the last state, relative to it, and of its time, in periods."""
+"""Largest recurrence error: of the last state, relative to it, and of its time, in periods."""
 
 REPETITIONS, SQUARINGS = 3, 10
-"""Least number of periods in the motion, and most squarings of the derivative over one."""
+"""Least number of periods in the motion; largest number of squarings of the derivative over one."""
 
 ROUNDING = 1e-12
-"""Relative error of the derivative of one impact, in its norm: far more than rounding."""
+"""Relative error of the derivative for each impact, in its norm: far more than rounding."""
 
 ROOM = 100.0
-"""Multipliers must be below 1 - 1/ROOM: then changes from period to period add up to at most this
-many times the last one."""
+"""Multipliers must be below 1 - 1/ROOM in modulus. All later changes from period to period then sum
+up to at most ROOM times the last one."""
 
 
 @kernel()
 def _period_of(time: Array, speed: Array, states: Array, turn: float) -> int:
-    """The smallest number of impacts, in whole turns, after which the last state recurs; or 0."""
+    """Least number of impacts in whole forcing periods until the last state recurs, or 0."""
     last = time.shape[0] - 1
     for n in range(1, (last + 1) // REPETITIONS + 1):
         turns = (time[last] - time[last - n]) / turn
@@ -77,12 +77,12 @@ def settled(
     block: Array,
     frames: Array,
 ) -> bool:
-    """Whether a motion recurs and norms prove that disturbances of it decay; false elsewhere.
+    """Whether a motion recurs and norms prove that its disturbances decay; false if not proved.
 
-    Let A be the derivative over the last period, and B that over the one before it. The derivative
+    Let A be the derivative over the last period, and B that over the period before. The derivative
     of the orbit itself differs from A by no more than a geometric series of the difference of A and
-    B, as for `OrbitLabel.multiplier`. Where the norm of its power of 2^k is below 1, all
-    multipliers are.
+    B, as for `OrbitLabel.multiplier`. If the norm of its 2^k-th power is below 1, all multipliers
+    are inside the unit circle.
 
     Parameters
     ----------

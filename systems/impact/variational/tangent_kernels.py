@@ -13,12 +13,12 @@ from dynkit.core.validation import Array
 Indices = NDArray[np.intp]
 
 LOST = 1e-6
-"""A direction is orthogonalised again if its squared length falls below this part."""
+"""Ratio of squared lengths after and before orthogonalisation, below which it is repeated."""
 
 
 @kernel(reorder=True)
 def _multiply(matrix: Array, frame: Array, scratch: Array) -> None:
-    """The matrix times each row of the frame, which is modified in place."""
+    """Multiply each row of the frame by the matrix, in place."""
     n = frame.shape[1]
     for j in range(frame.shape[0]):
         for i in range(n):
@@ -32,7 +32,7 @@ def _multiply(matrix: Array, frame: Array, scratch: Array) -> None:
 
 @kernel(reorder=True)
 def fly(blocks: Array, step: int, frame: Array) -> None:
-    """The 2 by 2 blocks of a flight, one for each pair, times each row of the frame."""
+    """Multiply each row of the frame by the 2x2 blocks of a flight, one for each pair."""
     pairs = blocks.shape[2]
     for j in range(frame.shape[0]):
         for i in range(pairs):
@@ -60,7 +60,7 @@ def jump(vectors: Array, bend: float, kick: float, push: float, frame: Array) ->
 
 @kernel(reorder=True)
 def _project(frame: Array, j: int) -> float:
-    """Subtract from row `j` its parts along the rows before it; its squared length."""
+    """Subtract from row `j` its parts along earlier rows; return its squared length."""
     n = frame.shape[1]
     for row in range(j):
         part = 0.0
@@ -104,8 +104,9 @@ def _normalise(frame: Array, j: int, square: float) -> None:
 def _orthonormalise(frame: Array, lost: int, logs: Array, step: int) -> None:
     """Gram-Schmidt orthonormalisation of the rows of the frame, repeated once where needed.
 
-    The last `lost` of 2N rows keep no part of their own. Two passes suffice: W. Kahan, in B. N.
-    Parlett, The Symmetric Eigenvalue Problem, SIAM 1998, section 6-9.
+    Row 2N - `lost` and the rows after it have no length left: their logarithm is -inf, and they get
+    new directions. Two passes suffice: W. Kahan, in B. N. Parlett, The Symmetric Eigenvalue
+    Problem, SIAM 1998, section 6-9.
     """
     n = frame.shape[1]
     for j in range(frame.shape[0]):
@@ -129,16 +130,16 @@ def _orthonormalise(frame: Array, lost: int, logs: Array, step: int) -> None:
 
 @kernel(entry=True)
 def strike(vectors: Array, sides: Indices, jumps: Array, frames: Array) -> None:
-    """Multiply the rows of each frame by the effect of an impact: see `stretch`.
+    """Multiply the rows of each frame by the saltation matrix of an impact: see `stretch`.
 
     Parameters
     ----------
     vectors
         (e, 4, 2N) of each stop.
     sides
-        (n,) of which stop each impact is.
+        (n,) number of the stop of each impact.
     jumps
-        (n, 2): bend, and kick and push.
+        (n, 2): bend, and the common value of kick and push.
     frames
         (n, k, 2N) modified in place.
     """
@@ -159,11 +160,11 @@ def stretch(
     scratch: Array,
     logs: Array,
 ) -> None:
-    """Follow a frame of disturbances through steps; each is a matrix, a flight and an impact.
+    """Multiply a frame of disturbances by steps; each is a matrix, a flight and an impact.
 
-    A disturbance (2N,) of the free state holds first the first numbers of all pairs, then the
-    second ones. An impact multiplies it by 1 + b (bend c + kick c') + push A b c; push is kick
-    where r is a constant.
+    A disturbance (2N,) of the free state holds the first numbers of all pairs, then the second
+    ones. An impact multiplies it by 1 + b (bend c + kick c') + push A b c; push equals kick if r is
+    a constant.
 
     Parameters
     ----------
@@ -176,7 +177,7 @@ def stretch(
     jumps
         (n, 3): bend, kick and push.
     lost
-        (n,) number of directions that a step loses for ever.
+        (n,) number of directions that a step maps to zero.
     frame
         (k, 2N) orthonormal rows, modified in place.
     scratch
@@ -194,7 +195,7 @@ def stretch(
 
 @kernel()
 def fill_flight(generator: Array, time: float, block: Array) -> None:
-    """Fill (1, 4, N) with exp(G t) of each pair, whose generators are (4, N)."""
+    """Fill (1, 4, N) with exp(G t) of each pair; the generators G are (4, N)."""
     for i in range(generator.shape[1]):
         mean = 0.5 * (generator[0, i] + generator[3, i])
         half = 0.5 * (generator[0, i] - generator[3, i])
@@ -224,18 +225,18 @@ def follow(
     scratch: Array,
     logs: Array,
 ) -> None:
-    """Carry rows of each frame (k, 2N) through steps as those of `stretch`, in place.
+    """Multiply the rows of each frame (k, 2N) by steps as those of `stretch`, in place.
 
     Parameters
     ----------
     flights
-        (n,) their durations; empty where `blocks` are given, as for `stretch`.
+        (n,) durations of the flights; empty if `blocks` has their matrices, as for `stretch`.
     generator, blocks
-        (4, N) of the pairs, and a buffer (1, 4, N).
+        (4, N) of the pairs, and a buffer (1, 4, N) or the matrices.
     first
-        Frame m goes through the steps number ``first[m]`` to ``first[m + 1] - 1``.
+        Frame m is multiplied by the steps number ``first[m]`` to ``first[m + 1] - 1``.
     logs
-        (n, k) for rows that each step makes orthonormal, as in `stretch`; empty where none does.
+        (n, k) if each step orthonormalises the rows, as in `stretch`; empty if none does.
     """
     for m in range(frames.shape[0]):
         frame = frames[m]
@@ -254,7 +255,7 @@ def follow(
 
 @kernel()
 def acceleration(bend: Array, unit: Array, states: Array, k: int, change: float) -> float:
-    """Acceleration of the gap before an impact that changes its rate: see `fill_jumps`."""
+    """Acceleration of the gap before an impact, from the state after it: see `fill_jumps`."""
     kicked = 0.0
     for row in range(2):
         for i in range(bend.shape[1]):
@@ -276,14 +277,14 @@ def fill_jumps(
     restitution: Array,
     jumps: Array,
 ) -> None:
-    """Fill bend, kick and push (n, 3) of impacts, as for `stretch`; zero where one only touches.
+    """Fill bend, kick and push (n, 3) of impacts, as for `stretch`; zero for grazing impacts.
 
     Parameters
     ----------
     guards, speed, states
-        (n,), (n,) and (n, 2, slots) of the impacts, in free flight before them.
+        (n,), (n,) and (n, 2, slots) of the impacts; each follows a free flight.
     rows, kicks, restitution
-        Of all guards, as in the tables of the motion; no restitution is zero.
+        Arrays of all guards, as in the tables of the motion; no restitution is zero.
     """
     for k in range(guards.shape[0]):
         g = guards[k]

@@ -1,9 +1,9 @@
 """Tangent map of impact motions, in modal coordinates.
 
-Disturbances are followed in the free state: a flight multiplies each pair of modal coordinates by
-its own 2x2 matrix, and an impact adds a matrix of rank 2. The Lyapunov exponents equal those of
-the section coordinates, since the change of coordinates is bounded on average. The volume changes
-by exactly r^2 exp(-trace(M^-1 C) t) in each step.
+Disturbances are those of the free state: a flight multiplies each pair of modal coordinates by its
+own 2x2 matrix, and the saltation matrix of an impact is the identity plus a matrix of rank 2. The
+Lyapunov exponents equal those of the section coordinates, since the change of coordinates is
+bounded on average. The volume changes by exactly r^2 exp(-trace(M^-1 C) t) in each step.
 """
 
 from __future__ import annotations
@@ -29,21 +29,21 @@ if TYPE_CHECKING:
     from dynkit.systems.impact.simulation.driven_structure import DrivenStructure
 
 _IMPACTS, _NUMBERS = 1024, 4_000_000
-"""Number of impacts, and of numbers in their matrices, that are processed together."""
+"""Largest number of impacts, and of entries of their matrices, that are processed together."""
 
 _PRODUCTS_OF_A_CALL = 1 << 24
-"""Products after which a call of the kernel ends, about ten milliseconds; at least one step."""
+"""Multiplications in one call of the kernel, about ten milliseconds, but at least one step."""
 
 LONG = 100.0
-"""Radians of the fastest mode: in longer flights, sines and cosines of phases lose digits."""
+"""Phase of the fastest mode, in radians, above which sines and cosines of a flight lose digits."""
 
 SPREAD = math.log(1e5)
-"""Largest ratio of decays of modes within one part of a flight. Longer flights are cut into parts,
-so that the smallest stretching keeps ten digits in each part."""
+"""Logarithm of the largest ratio of the decays of two modes within one part of a flight. Longer
+flights are cut into parts, so that the smallest stretching keeps ten digits in each part."""
 
 
 class Steps(NamedTuple):
-    """Arguments of `tangent_kernels.stretch`; `last` are the steps that end at an impact."""
+    """Arguments of `tangent_kernels.stretch`; `first` has the first step to each impact."""
 
     blocks: Array
     which: Any
@@ -59,8 +59,8 @@ def stretching(
 ) -> Stretching:
     """Stretching of disturbances by the next n impacts: see `Map.stretching`.
 
-    The frame holds disturbances of the free state, one in each column. An impact that only touches,
-    u = 0, is left out, since no derivative exists there.
+    Each column of the frame is a disturbance of the free state. A grazing impact, u = 0, leaves
+    disturbances unchanged, since no derivative exists there.
     """
     count = non_negative_integer("n", n)
     logs, times = np.empty((count, oscillator.dimension)), np.empty(count)
@@ -73,7 +73,7 @@ def stretching(
 def growth(oscillator: DrivenStructure, run: Trajectory) -> Array:
     """Logarithms (n,) of the growth of one disturbance over the flight to each impact of a run.
 
-    The disturbance turns into the fastest growing direction.
+    The disturbance converges to the direction of fastest growth.
     """
     from dynkit.systems.impact.variational.tangent_kernels import follow
 
@@ -90,9 +90,9 @@ def growth(oscillator: DrivenStructure, run: Trajectory) -> Array:
 
 
 def returned(oscillator: DrivenStructure, run: Trajectory, impacts: Sequence[int]) -> Array:
-    """Derivatives (k, 2N, 2N) of free states, from each of some impacts to the next.
+    """Derivatives (k, 2N, 2N) of free states, from each of some impacts to the next of these.
 
-    The numbers (k + 1,) of these impacts in the run ascend from zero on.
+    `impacts` are the numbers (k + 1,) of these impacts in the run, ascending and not negative.
     """
     from dynkit.systems.impact.variational.tangent_kernels import follow
 
@@ -118,10 +118,10 @@ def _passes(oscillator: DrivenStructure, run: Trajectory, begin: int, end: int) 
 
 
 def settles(oscillator: DrivenStructure, run: Trajectory) -> bool:
-    """Whether the impacts of a run recur, and norms prove that they are on a stable orbit.
+    """Whether the impacts of a run recur, and norms prove that their orbit is stable.
 
-    False elsewhere, and without a hard stop alone whose restitution is a number, with contacts, and
-    with linked modes.
+    False where this is not proved. A proof needs a single hard stop whose restitution is a positive
+    number, a run without contacts, and modes without links.
     """
     plain = oscillator._motion is None and oscillator._automaton.beside is None
     if not plain or len(run.switches.time) or not oscillator.restitution > 0.0:
@@ -152,7 +152,7 @@ def settles(oscillator: DrivenStructure, run: Trajectory) -> bool:
 def _follow(
     oscillator: DrivenStructure, start: ImpactState, frame: Array, logs: Array, times: Array
 ) -> ImpactState:
-    """Simulate n impacts, follow the frame, fill logs (n, k) and times in place; the last state."""
+    """Simulate n impacts, update frame, logs (n, k) and times in place; return the last state."""
     d = oscillator.dimension
     most = _at_once(d)
     for begin in range(0, len(logs), most):
@@ -170,12 +170,12 @@ def _follow(
 
 
 def _at_once(d: int) -> int:
-    """Number of impacts whose matrices, (d, d), are processed together."""
+    """Number of impacts whose matrices (d, d) are processed together."""
     return max(1, min(_IMPACTS, _NUMBERS // d**2))
 
 
 def _stretch(steps: Steps, frame: Array, logs: Array) -> None:
-    """Follow the frame in calls of bounded time; it and the logs are modified in place."""
+    """Stretch the frame in calls of bounded time; frame and logs are modified in place."""
     from dynkit.systems.impact.variational.tangent_kernels import stretch
 
     k, d = frame.shape
@@ -200,7 +200,7 @@ def steps_of(
 ) -> Steps:
     """The steps of a run to the impacts from number `begin` to `end` - 1: contact, flight, impact.
 
-    Long flights and contacts are cut into parts, see `_SPREAD`.
+    Long flights and contacts are cut into parts, see `SPREAD`.
     """
     now = slice(begin, run.impacts if end is None else end)
     motion, flights, some, before, held, jumps, lost = _between(oscillator, run, now)
@@ -236,7 +236,7 @@ def steps_of(
 def _between(oscillator: DrivenStructure, run: Trajectory, now: slice) -> Any:
     """The free motion, flights to some impacts, contacts before them, jumps, lost directions.
 
-    Of contacts a slice, the numbers of the flights that follow, and the durations.
+    Contacts are given by their slice, the numbers of the flights after them, and their durations.
     """
     some = slice(*np.searchsorted(run.before[: run.ended], [now.start, now.stop]))
     flights, held = run.durations
@@ -250,7 +250,7 @@ def _between(oscillator: DrivenStructure, run: Trajectory, now: slice) -> Any:
 def _flights(
     motion: FreeMotion, durations: Array, which: Any, dense: Array
 ) -> tuple[Array, Any, Array]:
-    """Kernel arguments of flights (n,); each follows the matrix of its number, if that is >= 0."""
+    """Kernel arguments of flights (n,); matrix ``dense[which]`` precedes those with which >= 0."""
     slots = motion.mode.layout.modes
     flown = motion.mode.transitions(durations)
     if len(flown.linked):
@@ -299,7 +299,7 @@ def before_impacts(
             rates[here] = -log.speed[here] / r
         rows = np.zeros((2, 2, mode.layout.slots))
         rows[..., : gap.rows.shape[1]] = gap.rows[2:6].reshape(2, 2, -1)
-        if r > 0.0 and flight == 0:  # r = 0 forgets the rates before
+        if r > 0.0 and flight == 0:  # the state after determines that before
             kick = mode.placed(mode.contact(oscillator._contacts[element].row).kick[:2])
             turn = stop.sign * float((rows[1] * kick).sum())
             for own in (here[now] for now in in_steps(len(here))):
@@ -321,7 +321,7 @@ def before_impacts(
 def _contact_matrices(
     oscillator: DrivenStructure, run: Trajectory, durations: Array, some: slice
 ) -> Array:
-    """Matrices (k, 2N, 2N) of some contacts of given durations (k,), with begins and ends."""
+    """Derivatives (k, 2N, 2N) over contacts of given durations (k,), with begin and release."""
     d = oscillator.dimension
     out = np.zeros((len(durations), d, d))
     if not len(durations) or d == 2:

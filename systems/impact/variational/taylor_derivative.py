@@ -1,7 +1,7 @@
-"""Derivative of the impact map where the energies are not quadratic: by variational equations.
+"""Derivative of the impact map by variational equations, if the energies are not quadratic.
 
-A disturbance (x, v, places of sliders, phase) is that at its own event: where an event comes later
-by s, it also changes by s times the rate of the state.
+A disturbance (x, v, positions of sliders, phase) compares states at their own events: if an event
+is later by s, the disturbance also changes by s times the rate of the state.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from dynkit.systems.impact.elements.friction import FORWARD, STICKS
 from dynkit.systems.impact.variational.saltation import comes_by_itself, reset
 
 _LOW = 1e-7
-"""Turns of the phase, in radians, below which rounding hides what a flight changes."""
+"""Duration of a flight, in radians of the phase, below which rounding hides the changes over it."""
 
 if TYPE_CHECKING:
     from dynkit.systems.impact.modes.taylor.mode import TaylorMode
@@ -64,7 +64,7 @@ def followed(oscillator: DrivenStructure, run: Trajectory, lifted: Array) -> tup
                 later = -ended
             else:
                 at_once = not oscillator._strobed and s.begin[i + 1] == s.begin[last]
-                if duration > 0.0 and guard.watch.force and at_once:  # by the impact that follows
+                if duration > 0.0 and guard.watch.force and at_once:  # caused by the next impact
                     side = run.final.element
                     number = next(j for j, (k, _) in enumerate(mode.guards) if k == side)
                 row = mode.gradient(number, state)
@@ -87,7 +87,7 @@ def followed(oscillator: DrivenStructure, run: Trajectory, lifted: Array) -> tup
 def hit(
     mode: TaylorMode, k: int, state: Array, disturbances: Array, slope: float, r: float
 ) -> tuple[Array, Array]:
-    """Disturbances (2 N + J + 1, d) after an impact, and those of the rate before it, (d,)."""
+    """Disturbances (2 N + J + 1, d) after an impact, and (d,) of the gap's rate before it."""
     n, out = mode.bodies, disturbances.copy()
     x, v = state[0, :n], state[1, :n]
     sine, cosine = state[:, -1].tolist()
@@ -103,7 +103,7 @@ def hit(
 
 
 def _flies_low(oscillator: DrivenStructure, run: Trajectory, duration: float, left: int) -> bool:
-    """Whether a flight returns to its stop so soon that rounding hides what it changes."""
+    """Whether a flight returns to its stop so soon that rounding hides the changes over it."""
     side, brief = run.final.element, 0.0 < duration * oscillator.frequency < _LOW
     number = brief and not oscillator._strobed and not oscillator._bent
     r = oscillator._stops[side].restitution if number else 0.0
@@ -118,9 +118,10 @@ def _low_flight(
     duration: float,
     given: Array,
 ) -> tuple[Array, Array, Array]:
-    """State and disturbances where such a flight ends, and by how much later.
+    """State and disturbances at the end of such a flight, and disturbances (d,) of its end time.
 
-    The gap, and what changes it, are those of the flight alone: they are zero at its begin.
+    The gap and its disturbances are zero at the begin. Their values at the end are computed as
+    changes over the flight alone, without cancellation.
     """
     k, n, out = run.final.element, mode.bodies, np.zeros_like(given)
     state, _ = mode.flow(start, duration, k)
@@ -145,7 +146,7 @@ def _low_flight(
 
 
 def rubs_on(automaton: Any, times: Array, guards: Any, element: int) -> int:
-    """Regime of friction as contact begins at the first of some events, by those at its time."""
+    """Regime of friction as contact begins, from the events at the first of some times."""
     now = (automaton.guards[g] for g in guards[times == times[0]].tolist())
     return next((g.watch.to for g in now if g.element == element), STICKS)
 
@@ -159,7 +160,7 @@ def rubbed(
     r: float,
     rate: float,
 ) -> Array:
-    """Change (2 N + J + 1, d) of disturbances before an impact by its friction."""
+    """Change (2 N + J + 1, d) of disturbances by the friction at an impact."""
     automaton, stop, out = oscillator._automaton, guard.element, 0.0 * disturbances
     mode: TaylorMode = automaton.modes[guard.mode]
     (x, v), (sine, cosine) = mode.motion(state), state[:, -1].tolist()
@@ -182,7 +183,7 @@ def _kept(
     state: Array,
     disturbances: Array,
 ) -> Array:
-    """The same as contact takes the place of bounces: what slips gets back what that takes more."""
+    """As `rubbed`, for the bounces that contact replaces: see `map_derivative._kept_slipping`."""
     automaton, out = oscillator._automaton, 0.0 * disturbances
     mode: TaylorMode = automaton.modes[guard.mode]
     (x, v), (sine, cosine) = mode.motion(state), state[:, -1].tolist()
@@ -208,9 +209,9 @@ def _slowed(
     row: Array,
     ratio: float | None,
 ) -> Array:
-    """Change of disturbances where friction takes `lost` of its slip, times the ratio if given.
+    """Change of disturbances if friction reduces its slip by `lost`, times the ratio if given.
 
-    Its derivative by the state is the row (2 N + J + 1,); ratio and kick depend on the place.
+    The derivative of `lost` is the row (2 N + J + 1,); ratio and kick depend on the positions.
     """
     n, out, over = mode.bodies, 0.0 * disturbances, 1.0 if ratio is None else ratio
     x, phase = mode.motion(state)[0], float(np.arctan2(*state[:, -1]))

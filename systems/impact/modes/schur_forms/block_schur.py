@@ -45,7 +45,7 @@ class Blocks:
     inverse : (2N, 2N) array
         Coordinates from positions and velocities.
     energy : (2N, 2N) array
-        Numbers from coordinates whose square sum is twice the energy.
+        From coordinates to numbers whose square sum is twice the energy.
     condition : float
         Condition number of the basis in the energy norm: the factor by which conversions between
         states and coordinates enlarge rounding errors.
@@ -93,7 +93,8 @@ def real_blocks(given: Derivation) -> Blocks:
     """
     coordinates = EnergyCoordinates.of(given)
     clusters = clusters_of(coordinates)
-    if given.traction is not None:  # energy may grow; these norms do not, if their motion does not
+    if given.traction is not None:
+        # Energy may grow; the norm of a circular pair grows only if the motion of the pair does.
         clusters = [cluster.circular() for cluster in clusters]
     vectors = DoubleDouble(
         *(np.concatenate(part, axis=1) for part in zip(*(c.vectors for c in clusters), strict=True))
@@ -121,7 +122,7 @@ def real_blocks(given: Derivation) -> Blocks:
 
 
 def _arranged(clusters: list[Cluster]) -> tuple[DoubleDouble, list[tuple[int, int]]]:
-    """State matrix in the coordinates of all clusters, and the coordinates that form pairs."""
+    """State matrix in the coordinates of all clusters, and which coordinates form pairs."""
     size = sum(len(cluster.matrix.high) for cluster in clusters)
     generator = DoubleDouble(np.zeros((size, size)), np.zeros((size, size)))
     pairs: list[tuple[int, int]] = []
@@ -147,7 +148,7 @@ def _pairwise(matrix: Array) -> Array:
 
 
 def _links(blocks: Array) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
-    """Targets and sources of all couplings, with those that follow from two successive ones."""
+    """Targets and sources of all links, with links implied by two successive couplings."""
     size = np.abs(blocks).max(axis=2)
     own = np.diagonal(size)
     linked = size > _NO_COUPLING * np.minimum(own[:, None], own)

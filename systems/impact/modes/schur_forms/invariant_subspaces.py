@@ -1,4 +1,4 @@
-"""Invariant subspaces of a Schur form, joined where they are an ill-conditioned basis."""
+"""Invariant subspaces of a Schur form, joined if their bases together are ill-conditioned."""
 
 from __future__ import annotations
 
@@ -13,16 +13,16 @@ from dynkit.systems.impact.modes.schur_forms.schur import LARGE, SchurForm
 from dynkit.systems.structure.double_double import DoubleDouble, add, multiply
 
 SMALL_PROJECTOR = 1e3
-"""Largest norm of a projector onto a cluster along the others, as long as the clusters have fewer
+"""Largest norm of a projector onto a cluster along the others, as long as the clusters have no more
 links than pairs, or than `FEW_LINKS`: more links would dominate the cost of an impact."""
 
 LARGEST_PROJECTOR = 1e5
-"""Largest norm of a projector, whatever the number of links. Conversions of states lose this factor
-times their rounding: about 1e-11 of the states' size."""
+"""Largest norm of a projector for any number of links. Conversions of states amplify rounding by
+this factor, to errors of about 1e-11 of the size of the states."""
 
 FEW_LINKS = 64
 
-# Largest condition number of a basis in which a pair moves on circles.
+# Largest condition number of the change to a basis in which a pair moves on circles.
 _FLATTEST = 100.0
 
 # Rates below this, relative to the fastest one, are zero to double-double rounding.
@@ -63,7 +63,7 @@ class Cluster:
         return Cluster(numbers, vectors, matrix, len(real))
 
     def circular(self) -> Cluster:
-        """With a matrix (a, b; -b, a), if it is one of two complex eigenvalues far from merging."""
+        """The cluster with a matrix (a, b; -b, a), if it is one well-conditioned complex pair."""
         if len(self.matrix.high) != 2 or self.real:
             return self
         with localcontext() as context:
@@ -87,7 +87,7 @@ class Cluster:
 
 
 def _double_double(numbers: list[Decimal]) -> DoubleDouble:
-    """A matrix (2, 2) of numbers."""
+    """A double-double matrix (2, 2) of four decimal numbers."""
     high = np.array([float(number) for number in numbers])
     low = [float(x - Decimal(y)) for x, y in zip(numbers, high.tolist(), strict=True)]
     return DoubleDouble(high.reshape(2, 2), np.array(low).reshape(2, 2))
@@ -116,7 +116,7 @@ def clusters_of(coordinates: EnergyCoordinates) -> list[Cluster]:
         ends = np.cumsum([len(cluster.matrix.high) for cluster in clusters])
         starts = ends - [len(cluster.matrix.high) for cluster in clusters]
         gram = basis.T @ basis
-        # Squares of the rows of the inverse; the small number bounds them.
+        # Squared norms of the rows of the inverse basis; the added diagonal keeps them finite.
         squares = np.diagonal(np.linalg.inv(gram + 1e-13 * np.eye(len(gram))))
         projectors = np.add.reduceat(squares, starts)
         worst = int(np.argmax(projectors))
@@ -187,7 +187,7 @@ def _rigid_pairs(form: SchurForm, coordinates: EnergyCoordinates) -> list[Cluste
 
 
 def _rigid_pair(vectors: DoubleDouble, matrix: DoubleDouble, numbers: list[int]) -> Cluster:
-    """The pair of a real rate, whose vector is the last one, and the displacement of the bodies."""
+    """The pair of a displacement of rigid bodies and of a real rate, whose vector is the last."""
     drift = matrix.high[:-1, -1]
     speed = float(np.linalg.norm(drift))
     position = vectors.high[:, :-1] @ (drift / speed if speed else drift)

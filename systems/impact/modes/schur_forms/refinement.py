@@ -1,8 +1,8 @@
 """Refinement of a Schur form in doubles to double-double accuracy, by plain matrix products.
 
-Let T = Q'AQ consist of U, its diagonal blocks and what is above them, and of the residual L below.
-The solution X of ``(U X - X U)_below = -L`` turns Q into ``Q (1 + X - X')``, to first order. Each
-step measures T and Q'Q anew, so that errors of earlier steps do not remain.
+Let T = Q'AQ be the sum of U, with its diagonal blocks and everything above them, and of the
+residual L below. With the solution X of ``(U X - X U)_below = -L``, Q is replaced by ``Q (1 + X -
+X')``, to first order. Each step computes T and Q'Q anew, so that errors of earlier steps vanish.
 
 References
 ----------
@@ -20,17 +20,17 @@ from dynkit.systems.structure.symmetric import FULL, product
 
 # The square of this rotation is below double-double rounding: no step follows.
 _NEGLIGIBLE = 2.0**-54
-# A step from a larger rotation leaves more than the error of products in half the precision.
+# After a larger rotation, the next residual exceeds the error of products in half the precision.
 _ROUGH = 2.0**-26
-# Steps that turn farther than this (radians) diverge more often than not.
+# Steps with a larger rotation than this (radians) diverge in most cases.
 _FARTHEST = 0.25
 _MOST_STEPS = 12
 
 
 def refined_schur(matrix: DoubleDouble) -> tuple[DoubleDouble, DoubleDouble] | None:
-    """Quasi-triangular T and orthogonal Q, matrix = Q T Q', or None if the steps do not contract.
+    """Quasi-triangular T and orthogonal Q, matrix = Q T Q', or None if the steps do not converge.
 
-    They do not where eigenvalues nearly merge, or are as ill-conditioned as those of graded
+    They do not converge if eigenvalues nearly merge, or are as ill-conditioned as those of graded
     dashpots along hundreds of masses. The eigenvalues of a 2x2 block may be real.
     """
     from scipy.linalg import schur
@@ -48,7 +48,7 @@ def refined_schur(matrix: DoubleDouble) -> tuple[DoubleDouble, DoubleDouble] | N
         t = product(transposed, product(matrix, q, precision), precision)
         t = plus(t, -0.5 * (gram @ t.high + t.high @ gram))
         x = _rotation(np.where(below, 0.0, t.high), np.where(below, t.high, 0.0))
-        # Cayley's transform of a skew-symmetric matrix is orthogonal; this is what it adds to 1.
+        # Cayley's transform 1 + turn of a skew-symmetric matrix is orthogonal.
         skew = x - x.T
         turn = np.asarray(np.linalg.solve(one - 0.5 * skew, skew), dtype=np.float64)
         farthest = float(np.abs(turn).max())
@@ -62,12 +62,12 @@ def refined_schur(matrix: DoubleDouble) -> tuple[DoubleDouble, DoubleDouble] | N
 
 
 def _rotation(upper: Array, residual: Array) -> Array:
-    """X below the diagonal blocks, ``(upper X - X upper)_below = -residual``, by halves."""
+    """Solve ``(upper X - X upper)_below = -residual`` for X below the blocks, recursively."""
     from scipy.linalg.lapack import dtrsyl
 
     n, out = len(upper), np.zeros_like(upper)
     half = n // 2
-    if half and upper[half, half - 1] != 0.0:  # within a block
+    if half and upper[half, half - 1] != 0.0:  # do not split a 2x2 block
         half -= 1
     if half == 0:
         return out

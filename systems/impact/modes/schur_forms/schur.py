@@ -1,7 +1,7 @@
-"""Real Schur forms to 30 digits, their blocks in any order.
+"""Real Schur forms to 30 digits, with their blocks in any order.
 
-In doubles, errors of the motion exceed their estimates from stiffness ratios of 1e4 on, see
-docs/mathematics/errors.md.
+With Schur forms in doubles, the errors of a motion would exceed their estimates for stiffness
+ratios above 1e4, see docs/mathematics/errors.md.
 """
 
 from __future__ import annotations
@@ -24,16 +24,16 @@ from dynkit.systems.structure.double_double import (
 from dynkit.systems.structure.symmetric import product
 
 LARGE = 50
-"""From this order on, refinement is faster than the QR iteration in double-double arithmetic, and
-one substitution for all blocks faster than exchanges for each."""
+"""Order of a matrix from which refinement is faster than the QR iteration in double-double
+arithmetic, and one substitution for all blocks is faster than exchanges for each block."""
 
-# A basis (X, 1) with larger elements than this loses as many digits when it is orthonormalised.
+# Largest element of a basis (X, 1): its orthonormalisation amplifies errors by this factor.
 _STEEPEST = 2.0**20
 
 
 @final
 class SchurForm:
-    """A matrix A = Q T Q', T with blocks of 1x1 (real eigenvalues) and 2x2 on its diagonal.
+    """A matrix A = Q T Q', T with 1x1 blocks (real eigenvalues) and 2x2 blocks on its diagonal.
 
     Parameters
     ----------
@@ -46,7 +46,7 @@ class SchurForm:
     order : list
         Numbers of the blocks along the diagonal.
     size : list
-        1 or 2, by number.
+        Size of each block, 1 or 2, by its number.
     """
 
     def __init__(self, matrix: DoubleDouble, start: int) -> None:
@@ -75,7 +75,7 @@ class SchurForm:
         self.order = list(range(len(self.size)))
 
     def _refine(self, matrix: DoubleDouble, start: int) -> None:
-        """Begin with the refined form of LAPACK, if there is one: few blocks are left to split."""
+        """Start from LAPACK's form, refined if this converges: few blocks are left to split."""
         rest = np.s_[start:, start:]
         refined = refined_schur(DoubleDouble(*(part[rest] for part in matrix)))
         if refined is None:
@@ -93,7 +93,7 @@ class SchurForm:
         vectors : DoubleDouble, shape (n, m)
             Orthonormal basis V of their invariant subspace.
         matrix : DoubleDouble, shape (m, m)
-            What A does in it, A V = V matrix.
+            Restriction of A to this subspace, A V = V matrix.
         """
         from dynkit.systems.impact.modes.schur_forms.schur_kernels import swap
 
@@ -110,9 +110,9 @@ class SchurForm:
         )
 
     def alone(self) -> dict[int, tuple[DoubleDouble, DoubleDouble]]:
-        """What `lead` returns for single blocks, by number; the order of the blocks remains.
+        """The results of `lead` for single blocks, by number, without a change of their order.
 
-        Blocks that hardly differ from one before them are left out.
+        Blocks with nearly the eigenvalues of an earlier block are left out.
         """
         from dynkit.systems.impact.modes.schur_forms.schur_kernels import fill_subspaces
 

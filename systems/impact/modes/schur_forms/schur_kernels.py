@@ -1,7 +1,7 @@
-"""Real Schur form of a matrix, and the order of its blocks, in double-double arithmetic.
+"""Real Schur form of a matrix, and exchange of its blocks, in double-double arithmetic.
 
-A = Q T Q': T is upper triangular but for 2x2 blocks on its diagonal, Q is orthogonal. Every matrix
-is given as (2, n, n), high and low parts; of Q the transpose is kept, one Schur vector per row.
+A = Q T Q': T is upper triangular except for 2x2 blocks on its diagonal, Q is orthogonal. Every
+matrix is stored as (2, n, n), high and low parts. Q is stored transposed, one Schur vector per row.
 
 References
 ----------
@@ -23,7 +23,7 @@ _MOST_STEPS = 90
 
 
 class Scratch(NamedTuple):
-    """Arrays that the kernels work in: a vector, sums along rows, and a small linear system."""
+    """Work arrays of the kernels: a vector, sums along rows, and a small linear system."""
 
     v: Array  # (2, n), n at least 5
     sums: Array  # (2, n)
@@ -52,9 +52,9 @@ def _square_root(a: float, a_low: float) -> tuple[float, float]:
 
 @kernel()
 def _reflector(v: Array, m: int) -> tuple[float, float]:
-    """The b for which 1 - b v v' turns the first m numbers into (x, 0, ..); `v` is made in place.
+    """Return b such that 1 - b v v' maps the first m numbers of `v` to (x, 0, ..).
 
-    0 where they have that form already.
+    `v` is modified in place. b is 0 if the numbers have this form already.
     """
     largest = 0.0
     for i in range(1, m):
@@ -117,9 +117,9 @@ def _from_right(a: Array, v: Array, b: float, b_low: float, k: int, m: int, last
 
 @kernel()
 def _reflect(t: Array, q: Array, scratch: Any, k: int, m: int, first: int, last: int) -> None:
-    """Turn the m numbers in `scratch.v` into (x, 0, ..), and `t` and `q` with them, in place.
+    """Apply to `t` and `q`, in place, the reflection of m numbers in `scratch.v` to (x, 0, ..).
 
-    Rows of `t` are zero before column `first`, columns from row `last` on.
+    The rows concerned of `t` are zero before column `first`, the columns from row `last` on.
     """
     v = scratch.v
     b, b_low = _reflector(v, m)
@@ -149,7 +149,7 @@ def _hessenberg(t: Array, q: Array, start: int, scratch: Any) -> None:
 
 @kernel()
 def _split(t: Array, q: Array, k: int, scratch: Any) -> None:
-    """Make the 2x2 block at k triangular where its eigenvalues are real, in place."""
+    """Make the 2x2 block at k triangular, in place, if its eigenvalues are real."""
     v = scratch.v
     half, half_low = dd_add(t[0, k, k], t[1, k, k], -t[0, k + 1, k + 1], -t[1, k + 1, k + 1])
     half, half_low = 0.5 * half, 0.5 * half_low
@@ -195,10 +195,10 @@ def _first_column(t: Array, low: int, high: int, exceptional: bool, v: Array) ->
 
 @kernel(entry=True)
 def real_schur(t: Array, q: Array, start: int, scratch: Any) -> int:
-    """Bring `t` to real Schur form and turn the rows of `q` with it, both in place.
+    """Bring `t` to real Schur form and transform the rows of `q` with it, both in place.
 
-    Rows and columns before `start` are triangular already. Blocks of 2x2 have complex eigenvalues.
-    Returns 0, or the row where the iteration stalled.
+    Rows and columns before `start` are triangular already. 2x2 blocks have complex eigenvalues.
+    Returns 0, or the number of the row where the iteration stalled.
     """
     n, v = t.shape[1], scratch.v
     _hessenberg(t, q, start, scratch)
@@ -243,8 +243,9 @@ def real_schur(t: Array, q: Array, start: int, scratch: Any) -> int:
 def _sylvester(t: Array, k: int, p: int, after: int, m: int, system: Array) -> float:
     """Equations A X - X B = C for the blocks A (p, p) at k and B (m, m) at `after` of `t`.
 
-    C stands beside A and above B. `system` is modified in place: equations for X, row by row, in
-    its columns, C in column 4. Returns the largest element of the blocks.
+    C is the block of `t` right of A and above B. `system` is modified in place: the coefficients of
+    X, row by row, are in its first columns, and C is in column 4. Returns the largest absolute
+    element of the blocks.
     """
     size = 0.0
     for i in range(p):
@@ -279,8 +280,8 @@ def _sylvester(t: Array, k: int, p: int, after: int, m: int, system: Array) -> f
 def _solve(system: Array, count: int, least: float, order: Array, solution: Array) -> None:
     """Solve `count` equations by elimination with complete pivoting, in place.
 
-    Pivots below `least` are taken for it: with neighbours of equal eigenvalues any solution serves
-    that leaves no large residual.
+    Pivots below `least` are replaced by it: if both blocks have equal eigenvalues, any solution
+    with a small residual serves.
     """
     for k in range(count):
         order[k] = k
@@ -347,9 +348,10 @@ def swap(t: Array, q: Array, k: int, p: int, m: int, scratch: Any) -> None:
 
 @kernel(entry=True)
 def fill_subspaces(t: Array, w: Array, scratch: Any) -> None:
-    """Fill `w` (2, n, n), zero before, with W, T W = W D, D the diagonal blocks of T.
+    """Fill `w` (2, n, n), initially zero, with W: T W = W D, D the diagonal blocks of T.
 
-    W is upper triangular with unit diagonal blocks; it overflows where blocks hardly differ.
+    W is upper triangular with unit diagonal blocks. It overflows if two blocks have nearly equal
+    eigenvalues.
     """
     n, system, x = t.shape[1], scratch.system, scratch.solution
     end: int = n

@@ -1,10 +1,10 @@
 """Coordinates in which Taylor's method follows a structure, and its compiled integrators.
 
-The seam between the event loop and a mode that is not linear is `Chart`: it puts positions and
-velocities into coordinates, among them the gaps of stops and the slip velocities of friction, so
-that nothing cancels near contact; it advances to the earliest guard; and it gives the Taylor
-coefficients of a state and the derivative of the flow. Numbers are runtime parameters: another
-value compiles nothing.
+`Chart` is the interface between the event loop and a mode that is not linear. It converts positions
+and velocities to coordinates, among them the gaps of stops and the slip velocities of friction, so
+that nothing cancels near contact. It advances to the earliest guard, and it computes the Taylor
+coefficients of a state and the derivative of the flow. Numbers are runtime parameters: other values
+need no compilation.
 """
 
 from __future__ import annotations
@@ -26,22 +26,23 @@ from dynkit.systems.impact.modes.taylor.equations import Plan, system_of
 from dynkit.systems.structure.functions import CoordinateFunction
 
 _MOST_KEPT = 64
-"""Compiled integrators that are kept."""
+"""Number of compiled integrators in each cache."""
 
 _LARGE = 60
-"""From so many equations on heyoka's code is made compact, which compiles much faster.
+"""Number of equations above which heyoka's compact mode is used, which compiles much faster.
 
-So is that of variations where masses vary: for two masses in 2 s instead of 32, half as fast."""
+Variational equations with variable masses use it, too: for two masses they compile in 2 s instead
+of 32 s, and run half as fast."""
 
 _TOLERANCE = 2.4e-16
-"""Order 19, of which the remainder is below rounding; heyoka's own tolerance, which is 8 percent
-less, needs order 20. Of variables below one it is absolute: see `Plan.digits`."""
+"""Tolerance that gives order 19, whose remainder is below rounding; heyoka's default, 8 percent
+smaller, needs order 20. For variables below one the tolerance is absolute: see `Plan.digits`."""
 
 _SHORTEST = 1e-3
-"""Least limit of steps, in radians of the phase."""
+"""Smallest limit of the step length, in radians of the phase."""
 
 _CHUNK, _MOST = 1_000, 200_000
-"""Steps of one call, and of one flight, of Taylor's method."""
+"""Largest number of steps of Taylor's method in one call, and in one flight."""
 
 
 def _heyoka() -> Any:
@@ -58,7 +59,7 @@ def _code() -> dict[str, Any]:
 
 @final
 class _Compiled(local):
-    """A compiled integrator. It holds one motion, so each thread has a copy, `here`."""
+    """A compiled integrator. An integrator holds one motion, so each thread has a copy, `here`."""
 
     def __init__(self, integrator: Any) -> None:
         self.integrator = integrator
@@ -69,13 +70,13 @@ class _Compiled(local):
 
 
 def _method(plan: Plan) -> dict[str, Any]:
-    """Sums may be in any order. States that are not finite are found outside."""
+    """Options of integrators: sums in any order; callers check that states are finite."""
     return {"tol": math.ldexp(_TOLERANCE, -plan.digits), "fast_math": True, **_code()}
 
 
 @lru_cache(_MOST_KEPT)
 def _integrator(plan: Plan) -> _Compiled:
-    """Integrator of a plan, whose events are the guards."""
+    """Integrator of a plan; its terminal events are the zeros of the guards."""
     hy = _heyoka()
     variables, rates, guards = system_of(hy, plan)
     down = hy.event_direction.negative
@@ -90,7 +91,10 @@ def _integrator(plan: Plan) -> _Compiled:
 
 
 def _moved(hy: Any, plan: Plan, places: tuple[int, ...], given: list[Any]) -> tuple[Any, Any]:
-    """Expressions at numbers that change, in proportion to one; their changes follow it."""
+    """Expressions with numbers that change in proportion to one parameter, and this parameter.
+
+    The directions of change are the parameters after it.
+    """
     part = hy.par[plan.size]
     moved = {hy.par[p]: hy.par[p] + part * hy.par[plan.size + 1 + k] for k, p in enumerate(places)}
     return hy.subs(given, moved) if given else [], part
@@ -98,7 +102,7 @@ def _moved(hy: Any, plan: Plan, places: tuple[int, ...], given: list[Any]) -> tu
 
 @lru_cache(_MOST_KEPT)
 def _variations(plan: Plan, places: tuple[int, ...] | None = None) -> _Compiled:
-    """The same, with derivatives by the state and by the phase, or by a change of some numbers."""
+    """Integrator with derivatives by the state and the phase, or by a change of some numbers."""
     hy = _heyoka()
     variables, rates, _ = system_of(hy, plan)
     by = [*variables, hy.par[0]]
@@ -113,9 +117,9 @@ def _variations(plan: Plan, places: tuple[int, ...] | None = None) -> _Compiled:
 
 @lru_cache(_MOST_KEPT)
 def _gradients(plan: Plan, places: tuple[int, ...] | None, *, rates: bool) -> Any:
-    """Code of derivatives of the rates, or of the guards.
+    """Compiled derivatives of the rates, or of the guards.
 
-    By the coordinates and the phase, or by a change of some numbers.
+    They are taken by the coordinates and the phase, or by a change of some numbers.
     """
     hy = _heyoka()
     variables, *own = system_of(hy, plan)
@@ -130,20 +134,20 @@ def _gradients(plan: Plan, places: tuple[int, ...] | None, *, rates: bool) -> An
 
 @cache
 def _outcomes() -> tuple[int, int, int]:
-    """Numbers of heyoka for a full step, the limit of steps, and the end of the duration."""
+    """Codes of heyoka for a full step, the limit of steps, and the end of the duration."""
     known = _heyoka().taylor_outcome
     return int(known.success), int(known.step_limit), int(known.time_limit)
 
 
 def _propagate(made: Any, duration: float, z: Array) -> None:
-    """Advance an integrator by a duration, from coordinates that a refusal names."""
+    """Advance an integrator by a duration; error messages name the coordinates at the start."""
     outcome, *_ = made.propagate_until(duration)
     if int(outcome) != _outcomes()[2] or not np.isfinite(made.state).all():
         raise Diverged(f"the motion runs away within {duration:.6g} from {z.tolist()}")
 
 
 def _alone(method: Callable[..., Any]) -> Callable[..., Any]:
-    """A method of a chart while no other thread uses its integrators, which hold one motion."""
+    """Decorate a method of a chart to hold its lock, since an integrator has only one motion."""
 
     @wraps(method)
     def locked(self: Chart, *arguments: Any) -> Any:
@@ -155,14 +159,17 @@ def _alone(method: Callable[..., Any]) -> Callable[..., Any]:
 
 @final
 class Chart:
-    """One set of coordinates of a mode: positions and velocities, of which some are gaps or slips.
+    """One set of coordinates of a mode: positions and velocities, some replaced by gaps or slips.
 
-    Positions are followed by the places of the J sliders. Coordinates z are positions, what is left
-    of the stretch of each slider's spring until it yields, gaps along functions, and a zero for
-    friction whose slip velocity others determine, K of both; then velocities, slip velocities of
-    sliders, rates of these gaps, and these slip velocities: M = 2 (N + J + K) numbers. Bare ones,
-    (2 N + J,), are positions, the stretches themselves, and velocities; along functions there are
-    the places of sliders, towards the other side, in place of the stretches.
+    Positions (N + J,) include those of the J sliders. Coordinates z have two halves of N + J + K
+    numbers, M in all. The first half holds N positions, the remaining stretch of each slider's
+    spring until it yields, and K further numbers: the gaps along functions, and a zero for each
+    friction whose slip velocity follows from other coordinates. The second half holds N velocities,
+    the slip velocities of sliders, the rates of these gaps, and these slip velocities.
+
+    Bare coordinates (2 N + J,) are N positions, the stretches of springs, and N velocities. For an
+    element along a function, the slider's position, times minus the element's sign, replaces the
+    stretch.
 
     Attributes
     ----------
@@ -176,13 +183,15 @@ class Chart:
     curves : dict
         Functions along which elements act, by the numbers of these.
     joints : (J, 2)
-        Of each slider the side on which it is nearer to yielding, and the stretch at which it does.
+        For each slider, the side on which it is nearer to yielding, and the stretch at which it
+        yields.
     events : tuple of int
-        For each guard of the plan the number of the guard of the mode.
+        For each guard of the plan, the number of this guard in the mode.
     places, speeds : dict
-        Where gaps and their rates, or slip velocities alone, are in the halves of coordinates.
+        Places of gaps in the first half of the coordinates, and of their rates, or of other slip
+        velocities, in the second half, by the numbers of elements.
     springs : dict
-        Where the springs of sliders are in the first half of the coordinates.
+        Places of the springs of sliders in the first half, by the numbers of elements.
     """
 
     def __init__(
@@ -213,7 +222,7 @@ class Chart:
 
     @cached_property
     def integrator(self) -> Any:
-        """An integrator of its own, with the numbers put in."""
+        """The integrator of this chart, with its numbers set."""
         made = copy.copy(_integrator(self.plan).integrator)
         made.pars[:] = self._pars[: len(made.pars)]
         size = 2 * (len(self.to_x) + len(self._more))
@@ -230,14 +239,14 @@ class Chart:
 
     @kept
     def _varied(self, places: tuple[int, ...] | None) -> _Compiled:
-        """Of derivatives, by the state and the phase, or by a change of some numbers."""
+        """Integrator with derivatives by the state and phase, or by a change of some numbers."""
         plan = self._unguarded if places is None else self._unguarded.where(places)
         return _variations(plan, places)
 
     def _begun(self, compiled: _Compiled, sine: float, cosine: float, *more: float) -> Any:
-        """An integrator of this thread at time zero, with a phase, the numbers, and more of them.
+        """The thread's integrator at time zero, with the phase, the numbers and further numbers.
 
-        Those that are not in the equations may be missing.
+        The integrator may lack the last parameters, if its equations do not contain them.
         """
         made = compiled.here
         numbers = np.concatenate([self._pars[: self._unguarded.size], more])
@@ -246,9 +255,10 @@ class Chart:
         return made
 
     def shifts(self, sine: Any, cosine: Any, one: Any = 1.0) -> tuple[Any, Any]:
-        """What the motion of elements adds to bare coordinates, (..., N + J) and (..., N).
+        """Difference between ``to_x @ x``, ``to_v @ v`` and bare positions and velocities.
 
-        It is linear in sine, cosine and one.
+        It is due to the motion of elements, (..., N + J) and (..., N), and linear in sine, cosine
+        and one.
         """
         shape = np.shape(sine)
         x, v = np.zeros((*shape, len(self.to_x))), np.zeros((*shape, self._size))
@@ -282,14 +292,14 @@ class Chart:
         return np.concatenate([parts[0], gaps, parts[1], rates])
 
     def _along(self, x: Array) -> Array:
-        """What positions (..., N) add to the stretches (..., J) along functions, over bare ones."""
+        """Terms of the stretches (..., J) along functions that bare coordinates leave out."""
         out = np.zeros((*x.shape[:-1], len(self.plan.sliders)))
         for k, i in self._bent:
             out[..., i] = self._own[k, 0] * self.curves[k](x)
         return out
 
     def stretched(self, k: int, left: Array) -> Array:
-        """Taylor coefficients (order + 1,) of a stretch, by those of what is left of it."""
+        """Taylor coefficients (order + 1,) of a stretch, from those of the remaining stretch."""
         side, reach = self._joints[self.plan.sliders.index(k)]
         out = -side * left
         out[0] += side * reach
@@ -301,13 +311,13 @@ class Chart:
         return row
 
     def kicked(self, x: Array, change: Array) -> Array:
-        """Changes of the second half of the coordinates by changes (N,) of velocities."""
+        """Changes of the second half of the coordinates due to changes (N,) of velocities."""
         carried = (*self.plan.sliders, *self._more)
         rates = [self._own[k, 0] * (self._row(k, x) @ change) for k in carried]
         return np.concatenate([self.to_v @ change, rates])
 
     def bare(self, z: Array, sine: float, cosine: float) -> Array:
-        """Bare coordinates (2 N + J,) of coordinates (M,)."""
+        """Bare coordinates (2 N + J,) from coordinates (M,)."""
         first, second = np.split(z, 2)
         first, (side, reach) = first[: len(self.to_x)].copy(), self._joints.T
         first[self._size :] = side * (reach - first[self._size :])
@@ -316,9 +326,9 @@ class Chart:
         return np.concatenate([first, second[: self._size]])
 
     def motion(self, z: Array, sine: Any, cosine: Any, one: Any = 1.0) -> tuple[Array, Array]:
-        """Positions (..., N + J) and velocities (..., N) of coordinates, which may be bare.
+        """Positions (..., N + J) and velocities (..., N) from coordinates, which may be bare.
 
-        As series of all by time, where one is not 1.
+        If `one` is a series, all arguments are series of Taylor coefficients, of bare coordinates.
         """
         n, p = self._size, len(self.to_x)
         half = p if z.shape[-1] == n + p else z.shape[-1] // 2
@@ -334,7 +344,7 @@ class Chart:
         return x, v
 
     def load(self, z: Array, sine: float, cosine: float) -> Any:
-        """The integrator at coordinates (M,) and a phase."""
+        """Set the integrator to coordinates (M,) and a phase, and return it."""
         made = self.integrator
         made.time = 0.0
         if self.plan.equations.turns:
@@ -355,36 +365,36 @@ class Chart:
     ) -> tuple[int, float, int]:
         """Advance coordinates (M,), modified in place, to the first guard.
 
-        The caller holds `lock`. Where no guard is reached within a duration, `reached` has the
-        coordinates, and the given ones stay.
+        The caller must hold `lock`. If no guard is reached within the duration, the coordinates do
+        not change, and `reached` has those at the end.
 
         Parameters
         ----------
         pace : float
-            Limit of the steps, over the first step that Taylor's method takes by itself.
+            Limit of the step length, divided by the first step that Taylor's method chooses.
         early : ascending durations, shorter than the longest
-            Steps end there. heyoka isolates roots that are not much shorter than a step.
+            A step ends at each of these, since heyoka fails to isolate roots much shorter than a
+            step.
 
         Returns
         -------
         guard, duration, steps
-            Number of the guard, -1 where none is reached within the duration, and -2 where the
-            steps are too many.
+            Number of the guard; -1 if none is reached within the duration; -2 after too many steps.
 
         Raises
         ------
         Diverged, CannotFollow
-            When the motion runs away, or the steps collapse.
+            When the motion runs away, or the step length becomes too small.
         """
         made, steps, guards = self.load(z, sine, cosine), 0, len(self.plan.guards)
         _, step_limit, time_limit = _outcomes()
         if pace < math.inf:
-            # a guard may end that step at once
+            # the first step may be very short, as a guard may end it
             pace = max(pace * abs(made.step()[1]), _SHORTEST / self._pars[1])
             self.load(z, sine, cosine)
         stations = [*early, longest]
         limits: dict[str, Any] = {"max_steps": _CHUNK}
-        if self.curves:  # a free flight is a polynomial, which Taylor's method follows for ever
+        if self.curves:  # steps along a free flight, a polynomial, have no limit of their own
             pace = min(pace, math.tau / self._pars[1])
         if pace < math.inf:
             limits["max_delta_t"] = pace
@@ -424,7 +434,7 @@ class Chart:
         return np.array(made.tc[: len(z)])
 
     def path(self, z: Array, sine: float, cosine: float, longest: float) -> tuple[Array, Array]:
-        """Begins (k + 1,) of steps, and their Taylor coefficients (k, 2 N + J, order + 1), bare."""
+        """Begins (k + 1,) of steps, and Taylor coefficients (k, 2 N + J, order + 1) of bare z."""
         made, begins, found = self._begun(self._eventless, sine, cosine), [0.0], []
         made.state[:] = self.bare(z, sine, cosine)
         (success, _, time_limit), period = _outcomes(), math.tau / self._pars[1]
@@ -441,7 +451,10 @@ class Chart:
     def transition(
         self, z: Array, sine: float, cosine: float, duration: float
     ) -> tuple[Array, Array]:
-        """Bare coordinates (m,) after a duration, and derivative (m, m + 1) by those and phase."""
+        """Bare coordinates (m,) after a duration, and their derivative (m, m + 1).
+
+        It is the derivative by the bare coordinates and the phase at the start.
+        """
         made, m = self._begun(self._varied(None), sine, cosine), len(self.to_x) + self._size
         made.state[:m] = self.bare(z, sine, cosine)
         made.state[m:] = np.eye(m, m + 1).ravel()
@@ -453,7 +466,8 @@ class Chart:
     ) -> Array:
         """Derivatives of the rates (m,) of bare coordinates, or of the guards (k,).
 
-        By the coordinates and the phase, (..., m + 1), or by a change of the numbers, (...,).
+        They are taken by these coordinates and the phase, (..., m + 1), or by a change of the
+        numbers, (...,).
         """
         plan = replace(self.plan, carries=False)
         places, more = None, np.empty(0)
@@ -470,7 +484,7 @@ class Chart:
     def changed(
         self, z: Array, sine: float, cosine: float, duration: float, change: Array
     ) -> Array:
-        """Change of bare coordinates (m,) after a duration by a change of the numbers."""
+        """Derivative of bare coordinates (m,) after a duration by a change of the numbers."""
         m = len(self.to_x) + self._size
         places = tuple(np.flatnonzero(change[: self._unguarded.size]).tolist())
         made = self._begun(self._varied(places), sine, cosine, 0.0, *change[list(places)])

@@ -1,4 +1,4 @@
-"""The charts of one mode of Taylor's method, made when they are first used."""
+"""The charts of one mode of Taylor's method, built when they are first used."""
 
 from __future__ import annotations
 
@@ -20,15 +20,15 @@ from dynkit.systems.impact.modes.taylor.scene import Scene
 from dynkit.systems.symbolic.taylor import digits_of
 
 _NEVER = 0.0, 0.0, 0.0, 1.0, 0.0, 0.0
-"""What a guard watches that does not exist in a regime."""
+"""Coefficients of a guard that is always 1, in place of one that a regime does not have."""
 
 
 @final
 class Charts:
-    """The charts of a mode: what it holds, its regimes, and its guards that end a flight.
+    """The charts of a mode, from its regimes, its held elements, and its guards that end a flight.
 
-    A slider has two guards in each of its regimes, one of which may never be zero: so its regimes
-    differ in numbers alone, and need no code of their own.
+    A slider gets two guards in each of its regimes, one of which may never be zero. Its regimes
+    then differ only in their numbers, and share their compiled code.
     """
 
     def __init__(
@@ -58,9 +58,10 @@ class Charts:
         self._events.append(number)
 
     def of(self, first: int, sides: tuple[int, ...]) -> Chart:
-        """Coordinates among them the gap of one element, and those of others as far as they may.
+        """Chart with the gaps of held stops, of element `first` and of other stops as coordinates.
 
-        And on which sides sliders are nearer to yielding.
+        Gaps are coordinates as far as they are independent. `sides` are the sides on which the
+        sliders are nearer to yielding.
         """
         elements, rows = self._scene.elements, self._scene.rows
         stops = [k for k, e in enumerate(elements) if isinstance(e, HardStop) and not e.curved]
@@ -70,13 +71,13 @@ class Charts:
 
     @cached_property
     def plain(self) -> Chart:
-        """Positions and velocities themselves as coordinates."""
+        """Chart with positions and velocities themselves as coordinates."""
         slides = (self._regimes[k].stretch for k in self._scene.sliders)
         return self._made((), tuple(-1 if stretch < 0.0 else 1 for stretch in slides), False)
 
     @kept
     def _made(self, hard: tuple[int, ...], sides: tuple[int, ...], rubs: bool = True) -> Chart:
-        """A chart with gaps of some stops as coordinates, and slip velocities of friction."""
+        """Chart with gaps of some stops as coordinates, and with slip velocities of friction."""
         scene, n = self._scene, self._scene.size
         slips = [k for k in scene.rubs if k not in scene.dragged] if rubs else []
         signs = np.array([element.sign for element in scene.elements], dtype=float)
@@ -118,7 +119,7 @@ class Charts:
         return Chart(plan, pars, own, *ways, scene.rows, scene.curves, joints, events)
 
     def _with_sliders(self, to: Array, back: Array) -> tuple[Array, Array]:
-        """Matrices (N + J, N + J) from positions and places of sliders to stretches, and back."""
+        """Matrices (N + J, N + J) from positions, with those of sliders, to stretches, and back."""
         scene, n = self._scene, self._scene.size
         signs = np.array([scene.elements[k].sign for k in scene.sliders], dtype=float)
         rows = scene.rows[list(scene.sliders)]
@@ -176,7 +177,7 @@ class Charts:
 
 
 def _watched(watch: Watch | None, joint: Sequence[float] | None) -> tuple[float, ...]:
-    """Factors of gap, rate, force; level; factors of what is left of a spring, and of a normal."""
+    """Coefficients of a guard: gap, rate, force, level, remaining stretch, normal force."""
     if watch is None:
         return _NEVER
     if joint is None or not watch.stretch:
@@ -187,10 +188,10 @@ def _watched(watch: Watch | None, joint: Sequence[float] | None) -> tuple[float,
 
 
 def _through(mass: Array, rows: Array, slips: Sequence[tuple[int, Array, float]]) -> list[Array]:
-    """How forces (N,) and prescribed accelerations (h,) act, where the mass matrix is constant.
+    """Response to forces (N,) and prescribed accelerations (h,), for a constant mass matrix.
 
-    Accelerations by both, (N, N) and (N, h), and forces along the rows by both, with those of
-    friction that slips at contacts: see `pushes`.
+    Returns the matrices of accelerations by both, (N, N) and (N, h), and of forces along the rows
+    by both, (h, N) and (h, h). Slipping friction at contacts is included: see `pushes`.
     """
     inverse: Array = np.asarray(np.linalg.inv(mass), dtype=float)
     if np.count_nonzero(mass) == len(mass):

@@ -1,4 +1,4 @@
-"""Equations of motion of one mode as heyoka's expressions: what is compiled, and its numbers."""
+"""Equations of motion of one mode as heyoka's expressions, and the numbers in them."""
 
 from __future__ import annotations
 
@@ -17,44 +17,46 @@ if TYPE_CHECKING:
 
 
 _WATCHED = 6
-"""Numbers of a guard."""
+"""Number of coefficients of a guard."""
 
 
 @final
 @dataclass(frozen=True)
 class Plan:
-    """What is compiled: everything but numbers.
+    """Everything that determines the compiled code of a mode, without the values of numbers.
 
     Attributes
     ----------
     equations : Equations
     kinds : tuple of int
-        For each number whether it is 0, 1 or -1, which are compiled, or another one (2).
+        For each number its value, if that is 0, 1 or -1 and compiled as a constant; 2 for a number
+        that is a runtime parameter.
     stops, rubs : tuples of (int, int)
-        Elements whose gaps, and whose slip velocities alone, are coordinates; and their places.
+        Elements whose gap (`stops`) or only whose slip velocity (`rubs`) replaces a coordinate, and
+        the number of this coordinate.
     held, sticking : tuples of int
-        Elements that hold, and that stick.
+        Numbers of the elements that hold, and of those that stick.
     guards : tuple of int
-        Element of each guard; those of sliders are the last ones.
+        Element of each guard; guards of sliders come last.
     elements : int
         Number of elements.
     curves : tuple of (int, Form)
-        Elements along functions of the coordinates, and these.
+        Elements along functions of the coordinates, and these functions.
     sliders : tuple of int
-        Elements with sliders. The stretches of their springs are variables, along functions less
-        what the coordinates alone make of them.
+        Elements with sliders. The stretches of their springs are variables; along functions they
+        are so without the terms that the other coordinates determine.
     carries : bool
-        Whether the gaps along functions, their rates, slip velocities of sliders, and sine and
-        cosine of the phase are variables, besides the coordinates. Then the stretch is counted from
-        where the slider yields.
+        Whether there are further variables: gaps along functions, their rates, slip velocities of
+        sliders, and sine and cosine of the phase. In this case the variable of a spring is the
+        remaining stretch until its slider yields.
     slips : tuple of (int, int)
-        Friction that slips at the contact with a stop, and that stop.
+        Slipping friction at the contact with a stop, and this stop.
     normals : tuple of (int, int)
-        Friction at the contact with a stop, and that stop.
+        Friction at the contact with a stop, and this stop.
     dragged : tuple of int
-        Friction whose slip velocities are variables besides, as other coordinates determine them.
+        Friction whose slip velocity is a further variable, since other coordinates determine it.
     digits : int
-        Bits of the tolerance below that of variables of order one, see `digits_of`.
+        Bits by which the tolerance is below that for variables of order one, see `digits_of`.
     """
 
     equations: Equations
@@ -75,13 +77,13 @@ class Plan:
 
     @property
     def without_guards(self) -> Plan:
-        """The same without guards, whose numbers come last, and without gaps along functions."""
+        """The same plan without guards, whose numbers come last, and without further variables."""
         kinds = self.kinds[: len(self.kinds) - _WATCHED * len(self.guards)]
         return replace(self, kinds=kinds, guards=(), carries=False)
 
     @property
     def size(self) -> int:
-        """How many numbers it has, with the phase and the frequency at the start."""
+        """Number of parameters, including the phase and the frequency, which come first."""
         return self._first + len(self.kinds)
 
     @property
@@ -89,7 +91,7 @@ class Plan:
         return 2 + len(self.equations.numbers) + sum(len(form.numbers) for _, form in self.curves)
 
     def where(self, places: Sequence[int]) -> Plan:
-        """The same where numbers at some places are compiled as parameters."""
+        """The same plan, with the numbers at some places compiled as parameters."""
         kinds = list(self.kinds)
         for place in places:
             if place >= self._first:
@@ -98,7 +100,7 @@ class Plan:
 
     @property
     def eliminates(self) -> bool:
-        """Whether what holds is eliminated in expressions, as rows or masses are not constant."""
+        """Whether constraints are eliminated symbolically, as rows or masses are not constant."""
         acting = (*self.held, *self.sticking, *(k for k, _ in self.slips))
         held = any(k in acting for k, _ in self.curves)
         return held or not self.equations.constant_mass
@@ -107,7 +109,8 @@ class Plan:
 def numbers_of(groups: Sequence[tuple[Array, Any]]) -> tuple[Array, tuple[int, ...]]:
     """All numbers as one array, and the kind of each.
 
-    Each group has a mask of those that are never compiled, as they differ between regimes.
+    Each group has a mask of numbers that are never compiled as constants, as they differ between
+    regimes.
     """
     flat = np.concatenate([np.asarray(group, dtype=float).ravel() for group, _ in groups])
     kinds = np.full(len(flat), 2)
@@ -138,7 +141,7 @@ class _Leaves:
 
 
 def _total(terms: Iterable[Any]) -> Any:
-    """The sum of products, without those that are zero."""
+    """The sum of products, without products that are zero."""
     kept = [a * b for a, b in terms if not (_zero(a) or _zero(b))]
     out = kept[0] if kept else 0.0
     for term in kept[1:]:
@@ -154,9 +157,9 @@ def _zero(value: Any) -> bool:
 class _Builder:
     """Coordinates, elements and accelerations of a plan as expressions.
 
-    Of each element `own` has sign, phasor (2), offset, drift, push, stiffness and damping. Each
-    slider has the rate of its spring's stretch over the slip velocity, 1 or 0; the side on which it
-    is nearer to yielding; and the stretch at which it does.
+    For each element, `own` has sign, phasor (2), offset, drift, push, stiffness and damping. For
+    each slider, `joints` has the rate of its spring's stretch divided by the slip velocity, 1 or 0;
+    the side on which it is nearer to yielding; and the stretch at which it yields.
     """
 
     def __init__(self, hy: Any, plan: Plan) -> None:
@@ -202,7 +205,7 @@ class _Builder:
         self._curve()
 
     def _curve(self) -> None:
-        """Functions, their rows, and what velocities add to the accelerations along them."""
+        """Functions, their gradients, and accelerations along them due to velocities alone."""
         from dynkit.systems.symbolic.taylor import series
 
         n = self._n
@@ -216,7 +219,7 @@ class _Builder:
             self._bends[k] = _total((a, b) for a, b in terms if not _nil(a))
 
     def swing(self, k: int, order: int) -> Any:
-        """Displacement of an element, or its rate, or acceleration."""
+        """Displacement of an element (order 0), its rate (1) or its acceleration (2)."""
         real, imaginary = self._own[k, 1], self._own[k, 2]
         if order == 1:
             turned = _total([(real, self._cosine)]) - _total([(imaginary, self._sine)])
@@ -248,7 +251,7 @@ class _Builder:
         return self._own[k, 0] * (along - self._own[k, 4] - self.swing(k, 1))
 
     def accelerations(self) -> tuple[list[Any], list[Any]]:
-        """Accelerations, and the forces along the rows of what holds and sticks."""
+        """Accelerations, and the forces along the rows of holding and sticking elements."""
         from dynkit.systems.symbolic.taylor import series
 
         plan, n = self._plan, self._n
@@ -274,7 +277,7 @@ class _Builder:
         return a, _applied(np.concatenate([pull, stiff], axis=1), known)
 
     def _pushed(self, f: list[Any]) -> list[Any]:
-        """Forces with those that drive the structure, and those of the elements."""
+        """Forces `f` plus the excitation and the forces of the elements."""
         own, drives = self._own, (self._sine, self._cosine, 1.0)
         f = [f[i] + _total(zip(self._forces[:, i], drives, strict=True)) for i in range(self._n)]
         for k in range(self._plan.elements):
@@ -288,14 +291,14 @@ class _Builder:
         return f
 
     def turning(self) -> tuple[list[Any], list[Any]]:
-        """Sine and cosine of the phase, where they are variables, and their rates."""
+        """Sine and cosine of the phase, if they are variables, and their rates."""
         if not self._turns:
             return [], []
         rates = [self._rate * self._cosine, -1.0 * (self._rate * self._sine)]
         return [self._sine, self._cosine], rates
 
     def rates(self, a: list[Any]) -> list[Any]:
-        """Rates of the coordinates (2 N,), by the accelerations."""
+        """Rates of all variables but sine and cosine, from the accelerations (N,)."""
         plan = self._plan
         at_x = {p: k for k, p in self._places.items()}
         at_v = {p: k for k, p in self._speeds.items()}
@@ -322,7 +325,7 @@ class _Builder:
         return [*dx, *dv]
 
     def guard(self, watch: Any, k: int, press: list[Any]) -> Any:
-        """What an element's guard watches: gap, rate, force, level, and what a spring's is."""
+        """A guard of an element: its coefficients times gap, rate, force, one, spring, normal."""
         terms = [(1.0, watch[3])]
         terms += [(watch[4], self.springs[k])] if k in self.springs else []
         terms += [(watch[0], self.gap(k))] if not _zero(watch[0]) else []
@@ -340,8 +343,8 @@ def system_of(hy: Any, plan: Plan) -> tuple[list[Any], list[Any], list[Any]]:
     """The variables, their rates, and the guards, as heyoka's expressions.
 
     The variables are positions, springs of sliders, gaps along functions, velocities, slip
-    velocities of sliders, rates of gaps along functions; and sine and cosine of the phase, where
-    the plan carries what other variables determine, and harmonic forces or motions need them.
+    velocities of sliders, rates of gaps along functions; and sine and cosine of the phase, if the
+    plan has further variables, and harmonic forces or motions need them.
     """
     build = _Builder(hy, plan)
     a, press = build.accelerations()
@@ -367,9 +370,10 @@ def _constrained(
     moved: list[Any],
     slips: list[tuple[int, Any, Any]],
 ) -> tuple[list[Any], list[Any]]:
-    """Accelerations, and forces along the rows of elements that hold: by elimination.
+    """Accelerations, and forces along the rows of holding and sticking elements, by elimination.
 
-    Friction that slips adds to these: the number of its normal force, its row, and its traction.
+    `slips` has, for each slipping friction, the number of its normal force, its row, and its
+    traction.
     """
     n, h = len(f), len(both)
     right = np.empty((n, 1 + h), dtype=object)

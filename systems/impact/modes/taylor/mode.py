@@ -25,18 +25,18 @@ from dynkit.systems.impact.modes.taylor.charts import Charts
 from dynkit.systems.impact.modes.taylor.scene import Scene
 
 FREQUENCY = 1
-"""Place of the frequency among the numbers of a flight."""
+"""Index of the frequency among the numbers on which a flight depends."""
 
 _NODES = 16
-"""Nodes of Gauss-Legendre quadrature on each step of Taylor's method."""
+"""Number of nodes of Gauss-Legendre quadrature on each step of Taylor's method."""
 
 
 @final
 class TaylorMode:
     """One set of regimes of a structure whose energies are not quadratic.
 
-    States (..., 2, N + J + 1) hold positions and velocities, then those of J sliders, where the
-    velocities are zero, and, last, sine and cosine of the phase.
+    States are (..., 2, N + J + 1). The first row holds N positions, the positions of J sliders, and
+    the sine of the phase; the second row holds N velocities, J zeros, and the cosine.
 
     Attributes
     ----------
@@ -45,13 +45,13 @@ class TaylorMode:
     held, sticking : tuples of int
         Numbers of the elements that hold, and that stick.
     guards : tuple of (int, Watch)
-        Guards that end the mode: element, and what is watched. Those that act at once come last,
-        after those of sliders.
+        Guards that end the mode: number of the element, and guard. Those that count only at a start
+        or just after an event come last, after those of sliders.
     events : int
         Number of guards that end a flight.
     slips : tuple of (int, int, float)
-        Friction that slips at contacts, the stops there, and its force over the contact force, both
-        counted along the rows.
+        Slipping friction at contacts: its number, the number of the stop, and the friction force
+        divided by the contact force, both along the rows of their elements.
     layout : Layout
     bodies, size : int
         Number of coordinates, N, and with those of sliders, N + J.
@@ -78,7 +78,7 @@ class TaylorMode:
 
     @property
     def forced(self) -> TaylorMode:
-        """What gives positions and velocities: itself."""
+        """The object that converts coordinates to positions and velocities: this mode itself."""
         return self
 
     # --- states -----------------------------------------------------------------------------------
@@ -116,18 +116,18 @@ class TaylorMode:
         return np.array(states[..., 0, :n]), np.array(states[..., 1, :n])
 
     def sliders(self, states: Array) -> Array:
-        """Places (..., J) of sliders."""
+        """Positions (..., J) of sliders."""
         return np.array(states[..., 0, self.bodies : -1])
 
     def stretch(self, k: int, state: Array) -> float:
-        """Stretch of the spring to a slider at a state (2, N + J + 1), towards its side."""
+        """Stretch of the spring to a slider at a state (2, N + J + 1), times the element's sign."""
         scene, place = self.scene, self.scene.sliders.index(k) + self.bodies
         x = state[0, : self.bodies]
         y = float(scene.curves[k](x) if k in scene.curves else scene.rows[k] @ x)
         return scene.elements[k].sign * (y - float(state[0, place]))
 
     def seen_from(self, one: TaylorMode, stop: Element | None = None) -> Array:  # noqa: ARG002
-        """Change of the state from another mode: none, (2 N + 2, 2 N + 3)."""
+        """Affine change of basis from another mode: the identity, since all states are alike."""
         size = 2 * self.layout.slots
         return np.eye(size, size + 1)
 
@@ -137,7 +137,7 @@ class TaylorMode:
         return np.asarray(found[:, 0])
 
     def powers(self, states: Array) -> Array:
-        """Energy, power lost, and power gained as energies depend on the phase, (n, 3)."""
+        """Energy, dissipated power, and power due to phase-dependent energies, (n, 3)."""
         w, motion = self.scene.excitation.frequency, self.scene.motion
         out = np.empty((len(states), 3))
         for i, (x, v, phase) in enumerate(self._given(states)):
@@ -159,9 +159,10 @@ class TaylorMode:
     # --- forces and accelerations -----------------------------------------------------------------
 
     def balance(self, state: Array) -> tuple[Array, Array, Array]:
-        """Accelerations (N,), forces (elements,) towards their sides, and forces without them (N,).
+        """Accelerations (N,), forces of the elements (elements,), and all other forces (N,).
 
-        Of one state, (2, N + J + 1).
+        They belong to one state, (2, N + J + 1). Forces of elements are positive towards their
+        sides.
         """
         scene = self.scene
         ((x, v, phase),) = self._given(state[None])
@@ -192,26 +193,27 @@ class TaylorMode:
         return a, found, given
 
     def pushes(self, rows: Array) -> Array:
-        """What unit forces along what holds and sticks do, (N, h), by the rows (elements, N)."""
+        """Forces (N, h) by unit forces along holding and sticking elements; all rows are given."""
         both = [*self.held, *self.sticking]
         slips = [(both.index(stop), rows[k], t) for k, stop, t in self.slips]
         return np.asarray(pushes(rows[both], slips))
 
     @property
     def _rubs(self) -> set[int]:
-        """Friction that sticks, or that may halt."""
+        """Numbers of friction that sticks, may come to a halt, or acts at a closed stop."""
         leans = {k for k, stop in self.scene.normal.items() if stop in self.held}
         return {*self.sticking, *(k for k, watch in self.guards if watch.halts), *leans}
 
     def check(self, state: Array) -> None:
-        """Whether contact forces are unique at a state (2, N + J + 1).
+        """Check that contact forces are unique at a state (2, N + J + 1).
 
         Raises
         ------
         ContactParadox
-            When friction leaves them open.
+            When they are not unique because of friction.
         CannotFollow
-            When friction acts along what others hold, of which one acts along a function.
+            When friction acts along coordinates that other elements hold, and an element acts along
+            a function.
         """
         if not (self.slips or self.scene.curves):
             return
@@ -238,7 +240,7 @@ class TaylorMode:
         return sign * (x @ scene.rows[k] - place), sign * (v @ scene.rows[k] - speed)
 
     def rate(self, states: Array) -> Array:
-        """Rates of change of states (k, 2, N + J + 1); the sliders' places follow, too."""
+        """Rates of change of states (k, 2, N + J + 1), with the velocities of the sliders."""
         out, scene, n = np.zeros_like(states), self.scene, self.bodies
         w = scene.excitation.frequency
         for i, state in enumerate(states):
@@ -252,9 +254,9 @@ class TaylorMode:
         return out
 
     def watched(self, number: int, state: Array) -> tuple[float, float]:
-        """Value of a guard at a state, and what rounding leaves of it where it is zero.
+        """Value of a guard at a state, and the rounding error of this value.
 
-        Rounding is relative to the terms of which it is the sum.
+        The rounding error is relative to the sum of the absolute terms of the guard.
         """
         k, watch = self.guards[number]
         scene, (x, v), (sine, cosine) = self.scene, self.motion(state), state[:, -1].tolist()
@@ -279,7 +281,7 @@ class TaylorMode:
         return float(value), ROUNDING * size
 
     def rate_row(self, k: int, state: Array) -> Array:
-        """Derivative (2 N + J + 1,) of the rate of an element's gap by a disturbance."""
+        """Derivative (2 N + J + 1,) of the rate of an element's gap, see `flow` for the order."""
         scene, element, (x, v) = self.scene, self.scene.elements[k], self.motion(state)
         sine, cosine = state[:, -1].tolist()
         turned = element.swing_rate(scene.excitation.frequency, cosine, -sine)
@@ -289,7 +291,7 @@ class TaylorMode:
         return np.asarray(element.sign * np.concatenate(parts))
 
     def gradient(self, number: int, state: Array) -> Array:
-        """Derivative (2 N + J + 1,) of a guard by a disturbance."""
+        """Derivative (2 N + J + 1,) of a guard, see `flow` for the order."""
         k, watch = self.guards[number]
         if watch.force:
             return np.asarray(self.gradients(state, rates=False)[number])
@@ -307,7 +309,7 @@ class TaylorMode:
     def kick(self, k: int, x: Array, phase: float = 0.0) -> Array:
         """Velocity changes (N,) of an impulse that changes the rate of the gap of a stop by one.
 
-        What is held or sticks does not move.
+        Held and sticking rows do not change their rates.
         """
         found = self._constant_kicks.get(k)
         if found is None:
@@ -319,7 +321,7 @@ class TaylorMode:
     def kick_by_place(
         self, k: int, x: Array, phase: float, pulls: Sequence[tuple[int, float]] = ()
     ) -> Array:
-        """Derivatives (N, N + 1) of a kick by positions and phase."""
+        """Derivatives (N, N + 1) of a kick with respect to positions and phase."""
         here = np.append(x, phase)
         moved = here + 1j * STEP * np.eye(len(here))
         found = [self.kick_in(self.scene, k, each[:-1], each[-1], pulls) for each in moved]
@@ -337,9 +339,10 @@ class TaylorMode:
     def kick_in(
         self, scene: Scene, k: int, x: Array, phase: Any, pulls: Sequence[tuple[int, Any]] = ()
     ) -> Array:
-        """The kick in a scene that differs in its numbers, also with imaginary changes.
+        """The kick in a scene with other numbers; complex arguments give complex-step derivatives.
 
-        With friction: its number, and its force against its side over the contact force.
+        `pulls` lists friction at the impact: its number, and its force against its side, divided by
+        the contact force.
         """
         response, own = self._pushed(scene, k, x, phase)
         response = scene.elements[k].sign * response
@@ -349,7 +352,7 @@ class TaylorMode:
         return np.asarray(response / own)
 
     def _pushed(self, scene: Scene, k: int, x: Array, phase: Any) -> tuple[Array, Any]:
-        """Velocity changes (N,) by a unit impulse along an element, and that of its own rate."""
+        """Velocity changes (N,) by a unit impulse along an element, and change of its own rate."""
         both, mass, all_rows = [*self.held, *self.sticking], *scene.inertia(x, phase)
         row = all_rows[k]
         response = np.linalg.solve(mass, row)
@@ -364,7 +367,7 @@ class TaylorMode:
         return np.asarray(self._pushed(self.scene, k, x, phase)[0])
 
     def takes(self, k: int, x: Array, phase: Any) -> Any:
-        """Most that an impact takes from the slip velocity of friction, over the gap's rate."""
+        """Largest change of the slip velocity of friction by an impact, per change of gap rate."""
         scene = self.scene
         own, over = (self._pushed(scene, j, x, phase)[1] for j in (k, scene.normal[k]))
         return max(regime.traction for regime in scene.elements[k].regimes) * own / over
@@ -372,7 +375,7 @@ class TaylorMode:
     def pushed(self, row: Array) -> Array:
         """Velocity changes (N,) of an impulse that changes the rate of a row by one.
 
-        Of the row, (N,), or (N + J,) with zeros for sliders.
+        The mass matrix is that at zero. The row is (N,), or (N + J,) with zeros for sliders.
         """
         w, motion, zero = self.scene.excitation.frequency, self.scene.motion, np.zeros(self.bodies)
         row = row[: self.bodies]
@@ -382,7 +385,7 @@ class TaylorMode:
     # --- charts -----------------------------------------------------------------------------------
 
     def chart(self, first: int, state: Array) -> Chart:
-        """Coordinates for a motion from a state that was left by one element, see `Charts.of`."""
+        """Chart for the motion from a state after an event of element `first`, see `Charts.of`."""
         sides = [
             slides if slides else self.stretch(k, state)
             for k, slides in zip(self.scene.sliders, self._slides, strict=True)
@@ -392,7 +395,7 @@ class TaylorMode:
     # --- the motion -------------------------------------------------------------------------------
 
     def after(self, starts: Array, which: Any, durations: Array) -> Array:
-        """States (m, 2, N + J + 1) at durations (m,) from some of the starts (k, 2, N + J + 1)."""
+        """States (m, 2, N + J + 1) after durations (m,), each from its start (k, 2, N + J + 1)."""
         out = np.empty((len(durations), *starts.shape[1:]))
         for i in np.unique(which).tolist():
             (here,) = np.nonzero(np.asarray(which) == i)
@@ -402,8 +405,8 @@ class TaylorMode:
     def series(self, k: int, state: Array) -> Array:
         """Taylor coefficients (2, order + 1) of a gap and its rate at a state.
 
-        Of a hard stop, or along a function of the coordinates. With a slider it is the stretch of
-        the spring to the slider in place of the gap.
+        The element is a hard stop, or acts along a function of the coordinates. If it has a slider,
+        the stretch of the spring to the slider replaces the gap.
         """
         chart, turn = self.chart(k, state), state[:, -1].tolist()
         z = chart.coordinates(*state[:, :-1], *turn)
@@ -422,10 +425,10 @@ class TaylorMode:
         return Path(self, start, chart, np.append(begins[:-1], longest), found, float(begins[-1]))
 
     def flow(self, start: Array, duration: float, left: int | None = None) -> tuple[Array, Array]:
-        """State (2, N + J + 1) after a duration, and its derivative, square, of 2 N + J + 1 rows.
+        """State (2, N + J + 1) after a duration, and its derivative by the state at the start.
 
-        Of positions, velocities, sliders and phase, by those at the start. Where an element is
-        given that was left, gaps are coordinates.
+        The derivative is (2 N + J + 1, 2 N + J + 1), in the order positions, velocities, sliders,
+        phase. With `left`, the element of the event at the start, gaps are coordinates.
         """
         chart = self._plain if left is None else self.chart(left, start)
         (x, v), (sine, cosine) = start[:, :-1], start[:, -1].tolist()
@@ -449,7 +452,7 @@ class TaylorMode:
 
     @property
     def _order(self) -> Any:
-        """Of positions, sliders and velocities the numbers, sliders last, (2 N + J,)."""
+        """Indices (2 N + J,) that move sliders from between positions and velocities to the end."""
         n, p = self.bodies, self.size
         return np.concatenate([np.arange(n), np.arange(p, p + n), np.arange(n, p)])
 
@@ -463,10 +466,10 @@ class TaylorMode:
         return self._charts.plain
 
     def gradients(self, state: Array, change: Array | None = None, *, rates: bool) -> Array:
-        """Derivatives of accelerations (N,), or of what guards that end a flight watch, (events,).
+        """Derivatives of the accelerations (N,), or of the guards that end a flight.
 
-        By positions, velocities, sliders and phase, (..., 2 N + J + 1), or by a change of the
-        numbers, (...,). Guards of sliders are left out.
+        They are taken by positions, velocities, sliders and phase, (..., 2 N + J + 1), or by a
+        change of the numbers, (...,). Guards of sliders come last, and are not valid here.
         """
         chart, (sine, cosine) = self._plain, state[:, -1].tolist()
         z = chart.coordinates(state[0, :-1], state[1, :-1], sine, cosine)
@@ -479,7 +482,7 @@ class TaylorMode:
         return np.asarray(found[:, np.append(self._order, found.shape[1] - 1)])
 
     def changed(self, start: Array, duration: float, change: Array) -> Array:
-        """Change of positions, velocities and sliders after a duration by one of the numbers."""
+        """Derivative of positions, velocities, sliders after a duration by a change of numbers."""
         chart, (x, v), (sine, cosine) = self._plain, start[:, :-1], start[:, -1].tolist()
         z = chart.coordinates(x, v, sine, cosine)
         found = chart.changed(z, sine, cosine, duration, change)
@@ -487,9 +490,10 @@ class TaylorMode:
         return np.asarray(np.concatenate([chart.back_x @ found[:p], found[p:]])[self._order])
 
     def settled(self, chart: Chart, z: Array) -> Array:
-        """Set gaps and slips of what holds and sticks to zero in coordinates (M,), in place.
+        """Set coordinates (M,) that are exactly zero in this mode, in place.
 
-        And what is left of the stretch of springs whose sliders slide.
+        They are gaps and their rates where elements hold, slip velocities where elements stick, and
+        the remaining stretch of springs whose sliders slide.
         """
         half = len(z) // 2
         for k in self.held:
@@ -504,7 +508,7 @@ class TaylorMode:
         return z
 
     def _near(self, state: Array) -> int:
-        """The stop that is nearest at a state, for the choice of coordinates."""
+        """Number of the stop with the smallest gap at a state, for the choice of coordinates."""
         (x, v), (sine, cosine) = self.motion(state), state[:, -1].tolist()
         stops = [k for k, e in enumerate(self.scene.elements) if isinstance(e, HardStop)]
         if len(stops) < 2:
@@ -534,7 +538,7 @@ class Path(NamedTuple):
         Durations at which steps begin and end.
     coefficients : (k, 2 N + J, order + 1)
     reach : float
-        Duration up to which the last polynomial holds.
+        Duration up to which the last polynomial is valid.
     """
 
     mode: TaylorMode
@@ -561,7 +565,7 @@ class Path(NamedTuple):
 
 
 ROUNDING = 2.0**-44
-"""Relative rounding of what is a sum of terms."""
+"""Rounding error of a sum, relative to the sum of its absolute terms."""
 
 
 def horner(coefficients: Array, times: Array) -> Array:

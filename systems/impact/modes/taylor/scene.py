@@ -1,4 +1,4 @@
-"""What Taylor's method follows: equations of motion, forces, and elements."""
+"""Data of the structures that Taylor's method follows: equations, forces, and elements."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 @final
 @dataclass(frozen=True, eq=False)
 class Scene:
-    """A structure whose energies are not quadratic, what acts on it, and its elements.
+    """A structure whose energies are not quadratic, its excitation, and its elements.
 
     Attributes
     ----------
@@ -31,9 +31,9 @@ class Scene:
     curves : dict
         Functions of the coordinates along which elements act, by the numbers of these.
     normal : dict
-        Number of the hard stop on which friction leans, by the number of that friction.
+        Number of the hard stop whose contact force is the normal force, by number of the friction.
     largest : float
-        The size of positions or velocities of the machine, whichever are larger.
+        The larger one of the sizes of positions and velocities of the machine.
     """
 
     motion: Motion
@@ -55,18 +55,18 @@ class Scene:
 
     @cached_property
     def parted(self) -> tuple[int, ...]:
-        """Numbers of the elements along functions, without sliders: their gaps are coordinates."""
+        """Numbers of elements along functions, without sliders; their gaps are coordinates."""
         return tuple(k for k in self.curves if k not in self.sliders)
 
     @cached_property
     def rubs(self) -> tuple[int, ...]:
-        """Numbers of the elements along rows that stick."""
+        """Numbers of the elements along rows that have a sticking regime."""
         sticks = [any(regime.sticks for regime in element.regimes) for element in self.elements]
         return tuple(k for k, rubs in enumerate(sticks) if rubs and k not in self.curves)
 
     @cached_property
     def dragged(self) -> tuple[int, ...]:
-        """Those of them whose rows depend on those of stops, and of the ones before them."""
+        """Numbers of `rubs` whose rows depend linearly on rows of stops and of earlier `rubs`."""
         stops = (k for k, e in enumerate(self.elements) if isinstance(e, HardStop) and not e.curved)
         order = (*stops, *self.rubs)
         kept = [order[i] for i in independent(self.rows[list(order)])]
@@ -91,12 +91,12 @@ class Scene:
     def inertia(self, x: Array, phase: Any) -> tuple[Array, Array]:
         """Mass matrix (N, N), and rows of elements (elements, N), at positions (N,) and a phase.
 
-        Also with imaginary changes of these, and of numbers.
+        These and the numbers may be complex, for complex-step derivatives.
         """
         return self.motion.mass(x, phase), self.rows_at(x)
 
     def changed(self, numbers: Array) -> Scene:
-        """With imaginary changes of the numbers: of the energies, then of the functions."""
+        """The scene with imaginary changes of the numbers, of energies, then of functions."""
         count, own, curves = len(self.motion.numbers), self.motion, {}
         motion = type(own)(own.equations, own.numbers + 1j * numbers[:count])
         for k, function in self.curves.items():
@@ -106,7 +106,7 @@ class Scene:
         return replace(self, motion=motion, curves=curves)
 
     def bends(self, x: Array, v: Array) -> Array:
-        """What velocities add to the accelerations along the elements, (elements,)."""
+        """Accelerations (elements,) along the elements that are due to velocities alone."""
         found = np.zeros(len(self.elements))
         for k, function in self.curves.items():
             found[k] = v @ function.bend(x, v)
@@ -119,7 +119,7 @@ class Scene:
         return np.asarray(found[: self.size])
 
     def prescribed(self, k: int, sine: Any, cosine: Any) -> tuple[Any, Any, Any]:
-        """Place, velocity and acceleration that an element has along its row."""
+        """Position, velocity and acceleration of an element along its row."""
         element, w = self.elements[k], self.excitation.frequency
         still = element.swing(sine, cosine)
         speed = element.swing_rate(w, sine, cosine) + element.drift
