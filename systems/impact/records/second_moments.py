@@ -332,8 +332,9 @@ def _impact_error(oscillator: DrivenStructure, run: Trajectory, moments: Array) 
     terms of which the gap is the sum; after a flight of duration t from the table it is at most
     t^2 / 2 times the rounding error of the acceleration.
 
-    Positions change by (1 + r) g times those of a kick k, which is part of other rounding errors.
-    Velocities after the impact change by (1 + r) (|a| s + h) k, where h is the rounding error of u.
+    Let k be the velocity changes by a unit jump of the gap's rate. Positions change by (1 + r) g k,
+    which is as small as other rounding errors. Velocities after the impact change by (1 + r) (|a| s
+    + h) k, where h is the rounding error of u.
     Positions in the next flight, of duration t, change by at most t times that. Its integral of x_i
     x_j changes by this change times t (|k_i x_j| + |k_j x_i|) / 2. The averages R end at the last
     impact: they change by (x x^T - R) s over the whole duration.
