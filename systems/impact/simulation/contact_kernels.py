@@ -16,7 +16,7 @@ from dynkit.exponential.stack_kernels import Ladders
 Indices = NDArray[np.intp]
 
 SMALLEST = 1e-100
-"""Relative velocity below which a chatter is over, for any tolerance: its cube underflows."""
+"""Relative velocity below which a chatter is over, for any tolerance: its cube is negligible."""
 
 PLACE = 1000.0
 """Largest error of the contact mass's position in omitted bounces, in units of the tolerance. These
@@ -187,7 +187,7 @@ def chatter_completes(
 
 @kernel()
 def order_at_rest(gap: Ladder, states: Array, band_factor: float) -> int:
-    """Order of the first derivative, 2 or 3, of a gap that is not hidden by rounding.
+    """Order, 2 or 3, of the first derivative of the gap that rounding does not hide.
 
     The gap and its rate are zero. The order is negative if the gap would close, and 0 if rounding
     hides both derivatives.
@@ -289,7 +289,7 @@ def lifted(restitution: float, drop: float, u: float, second: float) -> float:
 
 @kernel()
 def accumulates(tables: Tables, k: int, gap: Ladder, u: float, states: Array) -> tuple[bool, float]:
-    """Whether bounces at guard `k` from velocity `u` on accumulate, see `chatter_completes`.
+    """Whether bounces at guard `k` from velocity `u` on accumulate; see `chatter_completes`.
 
     Then the time integral of the gap over them.
     """

@@ -20,7 +20,8 @@ class Crossed:
     """A section whose coordinates are positions and velocities.
 
     They are all positions and velocities if the machine is driven, or if the element acts along a
-    function of the coordinates. Else the one that the section fixes is left out.
+    function of the coordinates. Otherwise the position or velocity that the section fixes is left
+    out.
 
     Attributes
     ----------

@@ -1,4 +1,4 @@
-"""A linear structure with its excitation and its elements: parameters, checked and composed."""
+"""A structure with its excitation and its elements: parameters, checked and composed."""
 
 from __future__ import annotations
 

@@ -37,7 +37,7 @@ from dynkit.systems.impact.simulation.clock_kernels import (
 from dynkit.systems.impact.simulation.contact_kernels import SMALLEST, Tables, sign_of
 
 _HALVINGS = 60
-"""`falls` examines a guard from this many halvings of the smallest step on."""
+"""The first step of `falls` is the smallest step halved this many times."""
 
 LAIN = 2
 """Regime of an open stop at which friction holds a mass."""
@@ -215,7 +215,7 @@ def disturbs(tables: Tables, g: int, rates: float, lasts: float, states: Array) 
 
 @kernel()
 def appear(tables: Tables, before: int, m: int, left: Array) -> bool:
-    """Update elements after a change from mode `before` to `m`; whether masses leave their stops.
+    """Update elements after a change from mode `before` to `m`; whether a `LAIN` stop is free.
 
     A stop at which friction no longer holds a mass has a gap of zero, at rest. A slider that no
     longer slides is at its limit, and stays there until it moves. An element that has just switched
@@ -246,7 +246,7 @@ def appear(tables: Tables, before: int, m: int, left: Array) -> bool:
 
 @kernel()
 def undecided(tables: Tables, g: int, left: Array) -> bool:
-    """Whether there is friction, not just switched, that rests while the stop of `g` is closed."""
+    """Whether friction that has not just switched rests while the stop of guard `g` is closed."""
     for element in range(left.shape[0]):
         if tables.rubbed[g, element] and left[element, MOTION] != SWITCHED:
             return True
@@ -308,7 +308,7 @@ def lets_go(tables: Tables, g: int) -> int:
 
 @kernel()
 def together(tables: Tables, g: int, states: Array, band_factor: float) -> bool:
-    """Whether another stop is reached as well whose gap's rate the impact at guard `g` changes."""
+    """Whether another stop is also reached, and the impact at guard `g` changes its gap's rate."""
     m = tables.ladders.integers[g, GROUP]
     for k in range(tables.first[m], tables.first[m + 1]):
         if k == g or tables.event[k] != IMPACT or not tables.coupled[g, tables.element[k]]:

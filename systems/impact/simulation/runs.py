@@ -90,9 +90,10 @@ def trajectory_of(
 def to_contact(
     oscillator: DrivenStructure, start: ImpactState, count: int
 ) -> tuple[Trajectory, bool]:
-    """Simulate up to `count` impacts; whether it ended before contact with the stop of the start.
+    """Simulate up to `count` impacts; and whether the run ended before contact with a stop.
 
-    It ends there if no motion has entered the mode of contact. Otherwise the simulation continues.
+    The stop is that of the start. The run ends before contact if no motion has entered the mode of
+    this contact. Otherwise it continues.
     """
     if oscillator._motion is not None:
         return trajectory_of(oscillator, start, count, store=True), False
@@ -169,7 +170,7 @@ def fill_codes(
 
 @final
 class Course:
-    """A simulation that can be continued in pieces; its bits do not depend on the pieces.
+    """A simulation that can be continued in pieces; the pieces do not change a bit of the result.
 
     `noise` is the relative size of pseudo-random disturbances of the start and of the states after
     impacts. Every number is disturbed relative to itself, and with noise / 32 relative to its bound
@@ -385,7 +386,7 @@ class Course:
         return bool(count > most and before[count - most] == impacts)
 
     def _tires(self) -> bool:
-        """Whether since the log was last full there was no impact, and too many cells."""
+        """Whether too many cells, and no impact, came since the log of switches was last full."""
         (impacts, cells), clock_kernels = self._full, _kernels()[0]
         self._full = int(self._clock[clock_kernels.IMPACTS]), self.cells
         return self._full[0] == impacts and self._full[1] - cells > self._most_cells

@@ -129,7 +129,7 @@ def _bounces(
 ) -> tuple[Array, Array]:
     """Gap and its rate in the omitted bounces of a chatter, as parabolas of decreasing size.
 
-    They are at times `since` the begin of bounces that start with `speed` and last for `rest`.
+    The bounces begin with `speed` and last for `rest`. The times `since` count from their start.
     """
     acceleration = 2.0 * speed / (rest * share(restitution, speed))
     if isinstance(restitution, ImpactLaw):

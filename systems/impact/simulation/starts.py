@@ -85,7 +85,7 @@ def default_position(
 
 
 def _clear(oscillator: DrivenStructure, shape: Array, angle: float) -> Array:
-    """The shape, or a multiple of it, for which all gaps are positive; stops along functions."""
+    """A multiple of the shape for which all gaps are positive, for stops along functions."""
     turn = math.sin(angle), math.cos(angle)
     for factor in (1.0, 0.5, 2.0, *(0.5 ** np.arange(2.0, _HALVINGS))):
         for x in (factor * shape, -factor * shape):
@@ -103,7 +103,7 @@ def _between(
     """Positions and velocities (2, N) with gaps of at least a unit, or a half, a quarter, ...
 
     The positions are the nearest ones to given positions, and the velocities are zero. If there is
-    no room between stops, the masses are on these and move with them.
+    no room between the stops, the masses are on the stops and move with them.
     """
     rows = np.array([s.sign * c.row[: len(x)] for s, c in _stands(oscillator)])
     places = np.array([s.sign * (s.swing(*turn) + s.offset) for s in oscillator._stops])

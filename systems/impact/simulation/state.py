@@ -199,7 +199,7 @@ def put_on(
     others = [k for k in closed if k < len(stops)]
     totals = [on_stop(stops[element], w, turn, speed)]
     totals += [on_stop(stops[k], w, turn, 0.0) for k in others]
-    if oscillator._bent:  # several stops in turn; the first one, which is last, is met to rounding
+    if oscillator._bent:  # the stops are met in turn; `element`, the last one, is met to rounding
         pairs = list(zip((element, *others), totals, strict=True))
         for k, total in [*pairs[1:], pairs[0]] * (_TURNS if others else 1):
             oscillator._contacts[k].put_both(*state, *total)
@@ -209,7 +209,7 @@ def put_on(
             oscillator._contacts[element].put(x, own[0])
         else:
             rows = np.array([oscillator._contacts[k].row for k in (element, *others)])
-            kept = independent(rows)  # the other rows are held by these
+            kept = independent(rows)  # the other rows depend on these
             values = np.stack(own, axis=-1)[..., kept]
             oscillator._structure.holding(rows[kept]).put(x, values)
 

@@ -399,7 +399,7 @@ class Trajectory:
         return Segments(begin, point, mode, element, rest, speed, kind, states, guards)
 
     def closed(self, guard: int) -> list[int]:
-        """Numbers of the stops that are in contact in the mode of a guard."""
+        """Numbers of the elements that hold or stick in a guard's mode: see `Parts.holding`."""
         automaton = self.start._system._automaton
         held: list[int] = automaton.parts.holding(self.regimes[self.guards[guard, 0]])
         return held
@@ -438,7 +438,7 @@ class Trajectory:
 
     @cached_property
     def _held(self) -> Any:
-        """Indices of the switches to contact."""
+        """Mask of the switches to contact."""
         return self.guards[self.switches.guard, 3] == EventKind.CONTACT
 
     @property

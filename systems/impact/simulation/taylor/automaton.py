@@ -75,7 +75,7 @@ class TaylorAutomaton(JoinedModes):
             self.guards.append(guard)
 
     def turns(self, guard: Guard, x: Array, phase: float) -> tuple[float, float]:
-        """Effect of friction along the row of a stop on bounces there: see `Parts.turns`."""
+        """Effect on the bounces at a stop of friction along its row: see `Parts.turns`."""
         if not any(guard.rubbed):
             return 0.0, 0.0
         response = self.modes[guard.mode].response(guard.element, x, phase)
@@ -98,7 +98,7 @@ class TaylorAutomaton(JoinedModes):
         return self._rubs(guard, x, phase)[0]
 
     def _rubs(self, guard: Guard, x: Array, phase: float) -> tuple[tuple[Rub, ...], bool]:
-        """Friction at an impact at positions (N,) and a phase; whether masses leave it open."""
+        """Friction at an impact at positions (N,), and whether mass coupling leaves it open."""
         mode, now = self.modes[guard.mode], self.regimes[guard.mode]
         mass, rows = self._scene.inertia(x, phase)
         found, open_ = rubbing(mass, rows, self._elements, self.parts, now, guard.element)

@@ -59,7 +59,7 @@ has returned, relative to the largest magnitudes of states."""
 def repeats(switches: Sequence[tuple[Any, ...]], count: int, *, phased: bool) -> bool:
     """Whether the last of `count` switches without an impact repeats an earlier one.
 
-    The last switch is compared with that of number 2^k, the largest power of two up to `count`, if
+    The last switch is compared with switch number 2^k, the largest power of two up to `count`, if
     at least half as many have followed. Item 4 of a switch is its guard, and item 5 the state (2,
     slots), with sine and cosine of the phase in the last slot; `phased` says whether the motion
     depends on the phase.

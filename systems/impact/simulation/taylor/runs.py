@@ -52,7 +52,7 @@ _PACE = 0.4
 
 @final
 class TaylorCourse(Position):
-    """A simulation that can be continued in pieces; its bits do not depend on the pieces.
+    """A simulation that can be continued in pieces; the pieces do not change a bit of the result.
 
     `noise` is the relative size of pseudo-random disturbances of the start and of the states after
     events. A disturbed run also takes shorter steps of Taylor's method, so that its distance to the
@@ -327,7 +327,7 @@ class TaylorCourse(Position):
         return float(law.at([speed])[0]) if speed > 0.0 else 0.0
 
     def _together(self, guard: Any) -> bool:
-        """Whether another stop is reached as well whose gap's rate the impact changes."""
+        """Whether another stop is also reached, and the impact changes the rate of its gap."""
         state, where = self._state(), self._where()
         for i, (j, watch) in enumerate(self._mode.guards):
             if j != guard.element and watch.event == IMPACT:
