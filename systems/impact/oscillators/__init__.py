@@ -1,1 +1,1 @@
-"""Oscillators made of a structure, its excitation and its elements."""
+"""Impact oscillators: structures with their excitation and their elements."""

@@ -42,13 +42,15 @@ if TYPE_CHECKING:
 
 TWO_PI = 2.0 * math.pi
 
-# Samples for harmonics, to begin with: at least, and for each period of the table.
+# Number of samples with which harmonics are first computed: at least this number in total, and this
+# number for each period of the table.
 _SAMPLES, _A_PERIOD = 512, 64
 
 MOST_NUMBERS = 1 << 27
-"""Largest number of numbers in a record that is extended to a late time: a gigabyte."""
-# Releases that are one period apart to within this part of the period belong together: a label that
-# was decided at the end of the budget is within a hundredth of its orbit.
+"""Largest size of a record that is extended to a late time, in doubles: a gigabyte."""
+# Releases are a period apart if their distance in time differs from a period by less than this part
+# of it. A motion whose label was decided at the end of the budget is within a hundredth of its
+# orbit.
 _RETURN = 1e-2
 
 _GOES_ON = (
@@ -57,7 +59,7 @@ _GOES_ON = (
     Ending.REPEATS,
     Ending.SEARCH_LIMIT,
 )
-"""Endings of motions that go on without impacts."""
+"""Endings of motions that continue without impacts."""
 
 
 @final
@@ -119,7 +121,7 @@ class ImpactAttractor(Attractor, SavedWithSystem):
 
     @property
     def ending(self) -> Ending:
-        """Why the simulation ended; if it ended by itself, it kept fewer impacts than asked for."""
+        """Why the simulation ended; if by itself, fewer impacts are kept than were asked for."""
         return self.record.ending
 
     @property
@@ -151,7 +153,7 @@ class ImpactAttractor(Attractor, SavedWithSystem):
 
     @cached_property
     def error(self) -> float:
-        """Estimate of the largest error of the kept states, with the error of the transient."""
+        """Estimate of the largest error of the kept states, including errors from the transient."""
         if self._before is None:
             return float(self.record.error.max(initial=0.0))
         count = self._before.impacts + len(self.record)
@@ -164,7 +166,7 @@ class ImpactAttractor(Attractor, SavedWithSystem):
         return max((float(part.max()) for part in parts), default=0.0)
 
     def _anew(self, whole: Trajectory, count: int) -> Iterator[ImpactRecord]:
-        """All impacts from the start of the transient on, in batches."""
+        """All impacts from the start of the transient on, simulated again, in batches."""
         course = course_from(self._system, whole.start)
         size = batch_size(self._system)
         for low in range(0, count, size):
@@ -206,20 +208,19 @@ class ImpactAttractor(Attractor, SavedWithSystem):
         Returns
         -------
         ImpactOrbit
-            A `MapOrbit` where the equations by itinerary do not know an element: see
+            Or a `MapOrbit` if an element is not supported by the equations of itineraries: see
             `ImpactOscillator.periodic_orbit`.
 
         Raises
         ------
         ValueError
-            When the attractor is neither P(n,m) nor P(inf,m), nor a cycle that nothing drives, nor
-            a motion of a driven machine that hits no stop any more, P(0,1).
+            When the attractor is neither P(n,m) nor P(inf,m), nor a cycle of an undriven machine,
+            nor P(0,1), a motion of a driven machine without further impacts.
         NoConvergence
-            When the motion is still too far from the orbit, or that is one of a family, as where a
-            slider of a `Jenkins` element never slips.
+            When the motion is still too far from the orbit, or when the orbit belongs to a family,
+            for example because a slider of a `Jenkins` element never slips.
         NotImplementedError
-            When a mass of it rests on a preloaded stop; `dynkit.periodic_orbit` finds orbits of the
-            map.
+            When a mass rests on a preloaded stop; `dynkit.periodic_orbit` finds orbits of the map.
         """
         from dynkit.systems.impact.orbits.finding import orbit_of_motion, sticking_orbit_of
         from dynkit.systems.impact.orbits.itineraries.finding import orbit_near
@@ -227,7 +228,7 @@ class ImpactAttractor(Attractor, SavedWithSystem):
         if self._system._own and not self._system._excitation.turns:
             return orbit_near(self._system, self.final, 1)
         n, m = self.label.iterates, self.label.periods
-        rest = max(self.label.simulated - len(self.record), 0)  # so long it took to settle
+        rest = max(self.label.simulated - len(self.record), 0)  # impacts until it settled
         if self.label.kind is OrbitKind.NO_IMPACTS:
             last = self._system.simulate(impacts=rest + 1, start=self.final)
             if last.ending in _GOES_ON and self._system._excitation.turns:
@@ -253,12 +254,12 @@ class ImpactAttractor(Attractor, SavedWithSystem):
     def plot(self, ax: Axes | None = None) -> Axes:
         """Draw the section: relative velocity after the kept impacts against phase.
 
-        Without a hard stop, velocity against position of the last coordinate at the section.
+        Without a hard stop, draw velocity against position of the last coordinate at the section.
 
         Parameters
         ----------
         ax : Axes, optional
-            Where to draw; by default a new figure of column width.
+            Axes to draw on; by default a new figure of column width.
 
         Returns
         -------
@@ -310,7 +311,7 @@ class ImpactAttractor(Attractor, SavedWithSystem):
 
 
 class _ImpactOrbit:
-    """The motion of an impact oscillator as `label_orbit` follows it."""
+    """The motion of an impact oscillator in the form that `label_orbit` requires."""
 
     def __init__(self, record: ImpactRecord) -> None:
         self.system = record.system
@@ -345,7 +346,7 @@ class _ImpactOrbit:
         return Window(states, times, releases, release_times, release_error, given_up)
 
     def _next(self, count: int) -> ImpactRecord:
-        """The next impacts; their growth is measured before they become the present window."""
+        """The record of the next impacts; it is kept, since `growth` may need it before `more`."""
         known, start = self.ahead, self.record.final
         if known is None or (len(known), known.start) != (count, start):
             self.ahead = known = self.system.simulate(impacts=count, start=start)
@@ -405,7 +406,7 @@ class _ImpactOrbit:
         return with_multiplier(label, last, before, self.system.accuracy)
 
     def _a_period_apart(self, label: OrbitLabel) -> list[int] | None:
-        """Three impacts of the last window, one period apart; None where there are none."""
+        """Indices of three impacts of the record, one period apart; None if there are none."""
         record, n = self.record, label.iterates
         if n is not None:
             k = len(record) - 1
@@ -416,13 +417,13 @@ class _ImpactOrbit:
         period = TWO_PI / self.system.frequency * (label.periods or 1)
         ago = (record.time[after[-1]] - record.time[after]) / period
         near = [int(np.argmin(abs(ago - periods))) for periods in (2.0, 1.0, 0.0)]
-        # the number of releases in a period is unknown: another release may be nearer
+        # The number of releases in a period is unknown: the nearest release may be another one.
         there = np.max(abs(ago[near] - [2.0, 1.0, 0.0])) < _RETURN
         return after[near].tolist() if there else None
 
 
 def _after_releases(record: ImpactRecord) -> Any:
-    """The next impact after each release; the release determines it, so it can represent it."""
+    """Index of the next impact after each release; the release determines this impact."""
     if not len(record.sticking):
         return np.empty(0, dtype=np.intp)
     ends = record.sticking[np.isfinite(record.sticking[:, 1]), 1]
@@ -431,14 +432,14 @@ def _after_releases(record: ImpactRecord) -> Any:
 
 
 def _counts(system: ImpactMap, start: ImpactState, label: OrbitLabel) -> Any:
-    """Counts of events in a period of a motion, from a state on it."""
+    """Counts of events in one period of a periodic motion, from a state on it."""
     return event_counts(system, start, period_of(system, start, label)[0])
 
 
 def _harmonics(system: ImpactMap, start: ImpactState, label: OrbitLabel) -> int:
     """Number of harmonics needed for the contact coordinate of a periodic motion.
 
-    Of a machine that progresses without its mean velocity.
+    If the machine progresses, its mean velocity is subtracted first.
     """
     motion = ImpactAttractor(system, 0, system.simulate(impacts=1, start=start), None)
     samples = max(_SAMPLES, 2 ** math.ceil(math.log2(_A_PERIOD * (label.periods or 1))))

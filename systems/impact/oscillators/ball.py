@@ -36,7 +36,7 @@ class BouncingBall(OneMass):
     Parameters
     ----------
     gravity : float
-        Acceleration of the fall, positive; one when times are in units of sqrt(length / gravity).
+        Acceleration of the fall, positive; one if times are in units of sqrt(length / gravity).
     amplitude : float
         Amplitude of the table; not negative.
     frequency, restitution, chatter_tolerance : float

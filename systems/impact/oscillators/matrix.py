@@ -34,12 +34,12 @@ class MatrixOscillator(ImpactOscillator):
     M, C, K : (N, N) array_like
         Mass matrix, positive definite; damping and stiffness matrices, positive semidefinite. Each
         must be symmetric to N 2^-52 of its largest element, as products such as ``B.T @ K @ B``
-        are; its symmetric part is used. A frequency that is zero to within the rounding of
-        the elements of K is exactly zero: a rigid body.
+        are; its symmetric part is used. A natural frequency that is zero to within the rounding of
+        the elements of K is set to exactly zero (a rigid-body mode).
     frequency, ... : as for `ImpactOscillator`
 
     A subclass may add terms to the energies, such as ``super().potential(x) + x[0] ** 4``, for
-    springs that are not linear.
+    nonlinear springs.
 
     Raises
     ------
@@ -61,7 +61,7 @@ class MatrixOscillator(ImpactOscillator):
     1.492067
     """
 
-    # Anything that makes an array; kept as tuples of tuples.
+    # Anything that can be converted to an array; stored as tuples of tuples.
     M: Any
     C: Any
     K: Any
@@ -85,7 +85,8 @@ class MatrixOscillator(ImpactOscillator):
                     f"{name} must be symmetric; got {matrix[i, j]} at [{i}, {j}] and "
                     f"{matrix[j, i]} across; ({name} + {name}.T) / 2 is symmetric"
                 )
-            # half of the smallest double is zero
+            # Halves are taken only where the matrix is not symmetric: half of the smallest double
+            # is rounded to zero.
             half = 0.5 * matrix + 0.5 * matrix.T
             matrix = np.where(matrix == matrix.T, matrix, half)
             (check_definite if name == "M" else check_semidefinite)(name, matrix)

@@ -1,4 +1,4 @@
-"""Chains with springs that are not linear, whose last mass is free to hit a vibrating table."""
+"""Chains with nonlinear springs, whose last mass is free to hit a vibrating table."""
 
 from __future__ import annotations
 
@@ -18,8 +18,8 @@ if TYPE_CHECKING:
 class TodaChain(ImpactChain):
     """An `ImpactChain` with Toda's springs, of energy k (exp(e) - 1 - e) at an extension e.
 
-    A spring gets stiffer where it is stretched. Small oscillations are those of the `ImpactChain`.
-    It needs heyoka: ``pip install 'dynkit[flows]'``.
+    A spring gets stiffer as it is stretched. Small oscillations are those of the `ImpactChain`. The
+    chain needs heyoka: ``pip install 'dynkit[flows]'``.
 
     Parameters
     ----------
@@ -53,8 +53,8 @@ class TodaChain(ImpactChain):
 class FPUTChain(ImpactChain):
     """An `ImpactChain` with springs of energy k (e^2/2 + quadratic e^3/3 + cubic e^4/4).
 
-    At an extension e the force is k (e + quadratic e^2 + cubic e^3). Where both numbers are zero it
-    is the `ImpactChain`; otherwise it needs heyoka: ``pip install 'dynkit[flows]'``.
+    At an extension e the force is k (e + quadratic e^2 + cubic e^3). If both coefficients are zero,
+    the chain is the `ImpactChain`; otherwise it needs heyoka: ``pip install 'dynkit[flows]'``.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""One coordinate with a restoring force that is not linear, driven against stops."""
+"""One coordinate with a nonlinear restoring force, driven against stops."""
 
 from __future__ import annotations
 
@@ -45,8 +45,8 @@ class _Driven(ImpactOscillator):
 class ImpactDuffing(_Driven):
     """x'' + damping x' + linear x + cubic x^3 = force sin(phase), above a table or a stop.
 
-    A negative linear coefficient gives two wells. Where cubic is zero the motion is exact;
-    otherwise it needs heyoka: ``pip install 'dynkit[flows]'``.
+    A negative linear coefficient gives two wells. If cubic is zero, the motion is exact; otherwise
+    the oscillator needs heyoka: ``pip install 'dynkit[flows]'``.
 
     Parameters
     ----------
@@ -90,7 +90,7 @@ class ImpactDuffing(_Driven):
 class ImpactPendulum(_Driven):
     """x'' + damping x' + sin x = force sin(phase), between stops at the angles -stop and stop.
 
-    The energy is x'^2 / 2 + 1 - cos x. It needs heyoka: ``pip install 'dynkit[flows]'``.
+    The energy is x'^2 / 2 + 1 - cos x. The pendulum needs heyoka: ``pip install 'dynkit[flows]'``.
 
     Parameters
     ----------

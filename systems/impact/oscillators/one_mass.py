@@ -1,4 +1,4 @@
-"""One mass of 1: what its oscillators have in common."""
+"""Base class of oscillators with one mass of 1."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Impact oscillators: linear structures that hit a table, stops, or themselves."""
+"""Impact oscillators: structures that hit a table, stops, or themselves."""
 
 from __future__ import annotations
 
@@ -35,10 +35,10 @@ if TYPE_CHECKING:
 class ImpactOscillator(ImpactMap):
     """A structure that hits a vibrating table; as a `Map`, from one impact to the next.
 
-    A subclass must implement its energies, as every `LagrangianStructure`. Where they are quadratic
+    A subclass must implement its energies, as every `LagrangianStructure`. If they are quadratic,
     the equation of motion is M x'' + C x' + K x = g + Im(F exp(i phase)), with phase' = frequency,
-    and motions are exact to rounding. Energies of any other smooth form are followed by Taylor's
-    method; `engine` says which method is used. Energies may have further arguments, by name:
+    and motions are exact to rounding. For energies of any other smooth form, motions are computed
+    by Taylor's method; `engine` is the method used. Energies may have further arguments, by name:
     ``kinetic(self, x, v, phase)``, ``potential(self, x, phase)`` and ``dissipation(self, x, v,
     phase)``. The damping force is then minus the derivative of the dissipation by v, and the
     matrices and modes are those of small oscillations about x = 0. One coordinate x_c can hit the
@@ -56,7 +56,7 @@ class ImpactOscillator(ImpactMap):
     frequency : float
         Angular frequency of the table and of the forces, positive.
     restitution : float or ImpactLaw
-        Coefficient of restitution in [0, 1]. Or a law by which it depends on the approach velocity.
+        Coefficient of restitution in [0, 1], or its law as a function of the approach velocity.
     amplitude : float
         Amplitude of the table, not negative. A stop at rest has amplitude 0.
     offset : float
@@ -66,31 +66,31 @@ class ImpactOscillator(ImpactMap):
     side : {"above", "below"}
         Side of the table on which this coordinate moves.
     play : float
-        Positive distance to a second stop, which faces the first and moves with it. By default
-        infinite: there is no second stop. Relative velocities after impacts with it are negative.
+        Positive distance to a second stop, which faces the table and moves with it. Infinite by
+        default: there is no second stop. Relative velocities after impacts with it are negative.
     harmonic_forces : (N,) array_like of complex, optional
         F, amplitudes of forces on the coordinates. A real F_j is the force F_j sin(phase).
     constant_forces : (N,) array_like of float, optional
         g, forces on the coordinates, such as weights.
     chatter_tolerance : float
-        The last bounces of a chatter are replaced by contact when this changes no position or
-        velocity by more than the tolerance, to leading order; with 0 they never are. Within the
+        Contact replaces the last bounces of a chatter if this changes no position or velocity by
+        more than the tolerance, to leading order. With 0 no bounces are replaced. During the
         omitted bounces the error of the position of the contact mass is at most a thousand times
         the tolerance. The record's ``chatter_error`` is the sum of these changes.
     elements : sequence of Element, optional
         Any number of elements such as `HardStop`, `SoftStop`, `DryFriction` and `Jenkins`, in place
         of the table. Each acts on a coordinate, between two coordinates, or along any row of
         coordinates. The arguments restitution, amplitude, offset, contact, side and play must then
-        not be given. The numbers of elements are parameters, such as ``"elements[1].stiffness"``.
+        not be given. The constants of elements are parameters, such as ``"elements[1].stiffness"``.
         The section omits the coordinate with the largest entry in the stop's row; of a pair (i, j)
-        it omits x_j. With several hard stops its last coordinate is the phase plus 4 pi times the
-        number of the stop. Positions of the sliders of `Jenkins` elements come after the
-        velocities. Without a hard stop the map takes the state from one period of the forcing to
+        it omits x_j. With several hard stops, the last section coordinate is the phase plus 4 pi
+        times the number of the stop. Positions of the sliders of `Jenkins` elements come after the
+        velocities. Without a hard stop, the map takes the state from one period of the forcing to
         the next, at phase 0. Its states are positions and velocities, and every count of impacts is
-        a count of periods. Without any forcing as well, the section is where the first friction
-        comes to a halt. Without friction it is where the gap of the first soft stop without preload
-        closes. Its 2N - 1 coordinates omit the velocity, or the position, that is fixed there, and
-        every count of impacts is a count of returns.
+        a count of periods. If there is no forcing either, the section is where the slip of the
+        first friction element comes to a halt. Without friction it is where the gap of the first
+        soft stop without preload closes. The 2N - 1 section coordinates omit the velocity, or the
+        position, that is fixed there, and every count of impacts is a count of returns.
 
     Raises
     ------
@@ -112,7 +112,7 @@ class ImpactOscillator(ImpactMap):
 
     @kept
     def _changes_by(self, name: str) -> Array | None:
-        """Derivatives of its numbers by a parameter."""
+        """Derivatives of the oscillator's constants by a parameter; None if not available."""
         return change_by(self, name)
 
     @property
@@ -121,7 +121,7 @@ class ImpactOscillator(ImpactMap):
         """Names of the record's arrays that a sweep can keep at each impact.
 
         With several hard stops they include ``element``. Without a hard stop they are the
-        coordinates, ``state[0]`` and so on. Those of elements, such as ``table.impulse``, are
+        coordinates, ``state[0]`` and so on. Observables of elements, such as ``table.impulse``, are
         described at `ImpactRecord.observable`.
         """
         from dynkit.systems.impact.records.observables import names_along
@@ -133,12 +133,12 @@ class ImpactOscillator(ImpactMap):
 
     @final
     def simulate(self, *, impacts: int, start: ImpactState | None = None) -> ImpactRecord:
-        """Simulate a number of impacts; stop earlier when no impact can happen any more.
+        """Simulate a number of impacts; end earlier if no further impact is possible.
 
         Parameters
         ----------
         impacts : int
-            How many impacts to record.
+            Number of impacts to record.
         start : ImpactState, optional
             A `state`, or the ``final`` state of another record; by default ``state()``. A state of
             an oscillator with other parameters keeps its phase; a mass on the table stays there
@@ -237,27 +237,27 @@ class ImpactOscillator(ImpactMap):
         impacts, periods : int
             n and m, one by default. When phases are given, n is their number.
         phases : (n,) array_like, optional
-            Guess of the phases of the forcing at the impacts, ascending, within 2 pi m. Without it
-            the first of `periodic_orbits` is returned.
+            Guess of the phases of the forcing at the impacts, ascending, within 2 pi m. Without a
+            guess, the first of `periodic_orbits` is returned.
         sides : (n,) array_like of int, optional
-            Which stop each impact hits: 0 for the table, the default, 1 for the far stop of a play.
-            Only together with phases.
+            Number of the stop that each impact hits: 0 for the table (default), 1 for the far stop
+            of a play. Only together with phases.
         sticking : bool
             Return an orbit P(inf,m), found as `periodic_orbits` describes. Not together with
             impacts, phases or sides.
         start : ImpactState, optional
-            For a machine with elements, whose orbits are found from a motion: a state near the
-            orbit, from which the motion follows the orbit for three of its periods. By default the
-            state after 700 impacts.
+            State near the orbit, for a machine with elements: its orbits are found from a motion.
+            The motion from this state must stay near the orbit for three periods of the orbit. By
+            default the state after 700 impacts.
 
         Raises
         ------
         ValueError
-            When no such orbit is found, or nothing drives the system.
+            When no such orbit is found, or the system is undriven.
         NoConvergence
             When Newton's method does not converge from the guess.
         NotImplementedError
-            When a stop with an impact law is stuck to where energies are not quadratic.
+            When energies are not quadratic and the motion sticks to a stop with an impact law.
             ``dynkit.periodic_orbit`` finds the orbits of the map.
 
         Examples
@@ -303,18 +303,18 @@ class ImpactOscillator(ImpactMap):
         starts from 200 random guesses, which are the same in every call. Admissible orbits come
         first, then those with larger impulses.
 
-        Sticking orbits are searched from releases of simulated motions. These start from rest on
-        the table, from random states on the table, and from the shape of the first mode, and are
-        the same in every call.
+        Sticking orbits are searched from releases of simulated motions. These motions start from
+        rest on the table, from random states on the table, and from the shape of the first mode;
+        they are the same in every call.
 
-        Where energies are not quadratic, or other elements act than a table of one coordinate,
-        there is no closed form. Then the search is that of `find_orbits`. Sticking orbits are
-        searched from those of its motions that stick.
+        If energies are not quadratic, or if there are other elements than a table that acts on one
+        coordinate, there is no closed form. Then the search is that of `find_orbits`, and sticking
+        orbits are searched from those of its motions that stick.
 
         Raises
         ------
         ValueError
-            When nothing drives the system.
+            When the system is undriven.
         """
         from dynkit.systems.impact.orbits.finding import find_orbits
 
@@ -334,37 +334,36 @@ class ImpactOscillator(ImpactMap):
         All P(1,m) are found, from their closed form. For n = 2 and 3 Newton's method starts from
         200 random guesses for each P(n,m). For n >= 2 it also starts from close returns of
         simulated motions: 3000 impacts from a first start and 300 from each of 20 random starts, in
-        parts of 300. The first start is the shape of the first mode, as large as what forces and
-        elements suggest, so that the search is the same in all units. In each part, and for each
-        P(n,m), it tries the two closest returns after n impacts and m periods that do not belong to
-        an orbit already found. An orbit that no simulated motion approaches is missed; this can
-        happen to unstable orbits in many dimensions. Inadmissible orbits with n >= 2 are found only
-        by chance.
+        parts of 300. The first start is the shape of the first mode, scaled to a length that
+        follows from forces and elements, so that the search is the same in all units. In each part,
+        and for each P(n,m), it tries the two closest returns after n impacts and m periods that do
+        not belong to an orbit already found. An orbit that no simulated motion approaches is
+        missed; this can happen to unstable orbits in many dimensions. Inadmissible orbits with n >=
+        2 are found only by chance.
 
-        With other elements than a table of one coordinate, and where energies are not quadratic,
-        Newton's method starts from close returns for all n. These are returns of 1000
-        impacts from the first start, and of 200 from each of 10 random starts, in parts of 200.
-        Where energies are quadratic it also starts from the P(1,m) of each hard stop without the
-        other elements, which have a closed form.
-        Motions that stick to a hard stop are left out. Without a hard stop an orbit of m periods is
-        P(m,m), and returns are those after m periods.
+        With other elements than a table that acts on one coordinate, and for energies that are not
+        quadratic, Newton's method starts from close returns for all n. These are returns of 1000
+        impacts from the first start, and of 200 from each of 10 random starts, in parts of 200. If
+        energies are quadratic, it also starts from the P(1,m) of each hard stop without the other
+        elements, which have a closed form. Motions that stick to a hard stop are not used. Without
+        a hard stop, an orbit of m periods is P(m,m), and returns are those after m periods.
 
         Parameters
         ----------
         impacts, periods : int
-            The largest n and m.
+            Largest n and m.
 
         Returns
         -------
         OrbitSearch
-            The orbits in the order of n and m, admissible ones first, then larger impulses; the
-            same in every call. `resolved` is 0, `region` spans the simulated impacts, and
-            `cost` the numbers of guesses, starts, impacts and returns.
+            The orbits in the order of n and m, admissible ones first, then those with larger
+            impulses. They are the same in every call. `resolved` is 0, `region` spans the simulated
+            impacts, and `cost` has the numbers of guesses, starts, impacts and returns.
 
         Raises
         ------
         ValueError
-            When nothing drives the system, or a number is not a positive integer.
+            When the system is undriven, or a number is not a positive integer.
 
         Examples
         --------
@@ -382,14 +381,15 @@ class ImpactOscillator(ImpactMap):
         """Draw a sketch of the machine: masses, springs, dashpots, stops and friction.
 
         Coordinates are drawn as masses side by side; the positive direction is to the right. An
-        entry of the stiffness or damping matrix between two coordinates is a spring or a dashpot
-        between them, a sum over a row one to the wall. Coupling by the mass matrix is not drawn.
-        Lengths are not to scale. Arrows mark stops and surfaces that move.
+        entry of the stiffness or damping matrix between two coordinates is drawn as a spring or a
+        dashpot between them. A row with a nonzero sum is drawn as one to the wall. Coupling by the
+        mass matrix is not drawn. Lengths are not to scale. Arrows mark stops and surfaces that
+        move.
 
         Parameters
         ----------
         ax : Axes, optional
-            Where to draw; by default a new figure, wider with more masses.
+            Axes to draw on; by default a new figure, wider with more masses.
 
         Returns
         -------
@@ -405,6 +405,6 @@ class ImpactOscillator(ImpactMap):
         return sketch(ax, self)
 
     def _recorded(self, name: str, impacts: object) -> int:
-        """Number of impacts to record; ValueError where their states do not fit into memory."""
+        """Number of impacts to record; ValueError if their states do not fit into memory."""
         count = positive_integer(name, impacts)
         return within_memory(name, count, 8.0 * count * (2 * self._free.layout.slots + 3))

@@ -27,7 +27,8 @@ class PlayOscillator(OneMass):
     The section coordinates are (u, phase): the velocity relative to the stop just after an impact,
     positive at the lower stop and negative at the upper one, and the phase. An orbit P(n,m) has n
     impacts in m periods, counted at both stops. The system is symmetric: if x(t) is a motion, then
-    -x half a period later is one, too; (u, phase) becomes (-u, phase + pi).
+    -x(t - pi / frequency), half a period later, is a motion as well; (u, phase) becomes (-u, phase
+    + pi).
 
     Parameters
     ----------
@@ -91,16 +92,16 @@ class PlayOscillator(OneMass):
         phase: float = 0.0,
         sliders: object = None,
     ) -> ImpactState:
-        """Return a state to start from; as for `ImpactOscillator`, but for the default.
+        """Return a state to start from, as `ImpactOscillator.state`, with another default.
 
         Parameters
         ----------
         position, velocity : (1,) array_like
-            By default the mass lies on the lower stop and moves with it.
+            By default the mass rests on the lower stop and moves with it.
         phase : float
             Phase of the housing, taken modulo 2 pi.
         sliders : (0,) array_like
-            There are none.
+            Empty: there are no sliders.
         """
         if position is None:
             angle = finite_scalar("phase", phase)

@@ -29,7 +29,7 @@ from dynkit.systems.structure.modes import Derivation
 from dynkit.systems.structure.symmetric import SymmetricMatrix
 
 _LARGEST = 1e30
-"""Largest frequency, distance and mass of a rod, and the reciprocal of the smallest ones."""
+"""Largest frequency, node distance and mass of a rod; the smallest is the reciprocal of this."""
 
 if TYPE_CHECKING:
     import sympy
@@ -45,14 +45,14 @@ class ImpactRod(ImpactOscillator):
     density h, and half of it at a free end. For many masses it tends to the rod with wave speed c:
     density (u_tt - c^2 u_ss - c^2 damping u_sst) = 0. The near end has restitution 0: an impact
     stops the last half mass alone, and the end stays on the table until the contact force vanishes.
-    A restitution of the whole rod is a result (1 for a free rod without damping), not a number that
-    is given.
+    The restitution of the whole rod is a result (1 for a free rod without damping), not a
+    parameter.
 
     The coordinates are (q_1, ..., q_n, x): x is the displacement of the near end, and q are the
     mass-normalised amplitudes of modes of the chain with that end held. Modes above `kept_modes`
-    are left out (Craig and Bampton's reduction). Contact holds one coordinate, and the modes are
-    then uncoupled: those left out change nothing as long as the table is at rest.
-    `truncation_errors` bounds what they change.
+    are left out (Craig and Bampton's reduction). In contact, the coordinate x is held and the modes
+    are uncoupled: the modes left out have no effect as long as the table is at rest.
+    `truncation_errors` bounds their effect.
 
     Parameters
     ----------
@@ -66,7 +66,7 @@ class ImpactRod(ImpactOscillator):
     damping : float
         Ratio of dashpot to spring constants, a time; not negative.
     far_end : {"fixed", "free"}
-        What holds the other end.
+        Condition at the other end.
     frequency, amplitude, offset, side, chatter_tolerance
         As for `ImpactOscillator`.
 
@@ -146,8 +146,9 @@ class ImpactRod(ImpactOscillator):
     def _chain(self) -> tuple[Array, Array, Array]:
         """Angles, frequencies and couplings (N - 1,) of all modes of the chain with its end held.
 
-        Mode k has the shape sin (fixed) or cos (free far end) of ``angle * node``; its coupling is
-        the sum over the nodes of mass, shape, and displacement by a unit displacement of the end.
+        Mode k has the shape sin (fixed far end) or cos (free far end) of ``angle * node``. Its
+        coupling is the sum over the nodes of mass times shape times the displacement by a unit
+        displacement of the near end.
         """
         h, k = self._spacing, np.arange(1, self.masses)
         angles = (k - (0.5 if self.far_end == "free" else 0.0)) * (math.pi * h / self.length)
@@ -207,15 +208,16 @@ class ImpactRod(ImpactOscillator):
     @property
     @final
     def nodes(self) -> Array:
-        """Places (N,) of the masses along the rod, from the far end; the near end is the last."""
+        """Positions (N,) of the masses along the rod, from the far end; the near end is last."""
         first = int(self.far_end == "fixed")
         return np.asarray(self._spacing * np.arange(first, self.masses + first), dtype=np.float64)
 
     @final
     def moving(self, displacement: float, velocity: float, phase: float = 0.0) -> ImpactState:
-        """A state in the shape of rest under a displacement of the near end.
+        """A state with the static shape under a given displacement of the near end.
 
-        A free rod is displaced as a whole, a fixed one is stretched evenly; velocities likewise.
+        A free rod is displaced as a whole; a fixed rod is stretched uniformly. Velocities have the
+        same shape.
 
         Raises
         ------
@@ -247,7 +249,8 @@ class ImpactRod(ImpactOscillator):
     def reduced(self, displacements: object) -> Array:
         """Coordinates (n + 1,) of displacements (N,) of the masses, or of their velocities.
 
-        Where modes are left out it is the nearest state in kinetic energy with the same end.
+        If modes are left out, the result is the nearest state, in the norm of kinetic energy, with
+        the same displacement of the near end.
 
         Raises
         ------
@@ -272,17 +275,17 @@ class ImpactRod(ImpactOscillator):
         free = self.far_end == "free"
         return shapes, np.ones(self.masses) if free else self.nodes / self.length
 
-    # --- what left-out modes change ---------------------------------------------------------------
+    # --- effect of the modes that are left out ----------------------------------------------------
 
     @final
     def truncation_errors(self, record: ImpactRecord) -> Array:
-        """Bounds (k,) of what the modes that are left out change until each event of a record.
+        """Bounds (k,) of the effect of the modes that are left out, for each event of a record.
 
-        Distances from the complete chain in the norm of energy: the square root of twice the energy
-        of the difference. Each bound is what the interval since the event before, and the event's
-        impact, add to the distance at their beginning. It is proved where both motions have the
-        event at the same time. Through events at different times nothing is proved: chaos amplifies
-        any distance. The proof is in the documentation, on the page of impacts.
+        The effect is the distance from the complete chain in the norm of energy: the square root of
+        twice the energy of the difference. Each bound limits the increase of this distance over the
+        interval since the event before, and at the impact of the event. It is proved if both
+        motions have the event at the same time. For events at different times nothing is proved:
+        chaos amplifies any distance. The proof is in the documentation, on the page of impacts.
 
         Parameters
         ----------
@@ -319,12 +322,12 @@ class ImpactRod(ImpactOscillator):
         return out
 
     def _swings(self, position: Array, velocity: Array, span: float) -> tuple[float, float]:
-        """Of the near end in a flight: bound of acceleration, with its variation; last velocity."""
+        """For the near end in a flight: first |acceleration| plus its variation; last velocity."""
         modes, c, k = self.modes, self.damping_matrix, self.stiffness
         to_modes, tip = modes.matrix.T @ self.mass, modes.matrix[-1]
         acceleration = modes.matrix @ (modes.matrix.T @ -(c @ velocity + k @ position))
         w, d = modes.frequencies, modes.decay
-        # half the distance of the two rates of a mode; a double rate is moved apart by a millionth
+        # Half of the difference of a mode's two rates; almost equal rates are set 2e-6 w apart.
         half = np.sqrt((d * d - w * w).astype(complex))
         half = np.where(abs(half) < 1e-6 * w, 1e-6j * w, half)
         half[w == 0.0] = 1.0  # a rigid body is not accelerated

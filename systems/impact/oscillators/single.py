@@ -45,7 +45,7 @@ class SingleImpactOscillator(OneMass):
     References
     ----------
     S. W. Shaw, P. J. Holmes, A periodically forced piecewise linear oscillator, Journal of Sound
-    and Vibration 90 (1983) 129-155 (the limit of impacts). A. B. Nordmark, Non-periodic motion
+    and Vibration 90 (1983) 129-155 (the limit of hard impacts). A. B. Nordmark, Non-periodic motion
     caused by grazing incidence in an impact oscillator, Journal of Sound and Vibration 145 (1991)
     279-297.
 
@@ -97,11 +97,11 @@ class SingleImpactOscillator(OneMass):
         Parameters
         ----------
         position, velocity : (1,) array_like
-            By default at rest, at a distance of one from the stop.
+            By default the mass is at rest, at a distance of one from the stop.
         phase : float
             Phase of the force, taken modulo 2 pi.
         sliders : (0,) array_like
-            There are none.
+            Empty: there are no sliders.
         """
         place = [self.stop - 1.0] if position is None else position
         return super().state(place, velocity, phase, sliders)
@@ -109,9 +109,10 @@ class SingleImpactOscillator(OneMass):
     @property
     @final
     def grazing_force(self) -> float:
-        """Force at which the steady response without stop just reaches the stop.
+        """Force amplitude at which the steady response without stop just reaches the stop.
 
-        For smaller forces that response has no impacts. It is zero for stops at or below zero.
+        For smaller amplitudes this response has no impacts. The result is zero for stops at or
+        below zero.
         """
         w = self.frequency
         return max(self.stop, 0.0) * math.hypot((1.0 - w) * (1.0 + w), 2.0 * self.damping_ratio * w)

@@ -1,1 +1,1 @@
-"""Records of motions and what they measure: time averages, energies, counts, figures."""
+"""Records of motions, and results from them: time averages, energies, counts, figures."""

@@ -18,15 +18,15 @@ if TYPE_CHECKING:
     from dynkit.systems.impact.impact_map import ImpactMap
 
 _PERIODS, _INTERVAL, _FADES = 6.0, 40, 4.0
-"""Periods that are shown by default; milliseconds from frame to frame; frames in which the mark of
-an impact fades."""
+"""Number of periods shown by default; milliseconds between frames; number of frames in which the
+mark of an impact fades."""
 
 _REACH = 0.75
-"""Largest change of a distance between masses, as a part of that distance in the sketch."""
+"""Largest change of a distance between masses, relative to that distance in the sketch."""
 
 
 class Recorded(Protocol):
-    """What an animation uses of a record."""
+    """The properties and methods of a record that an animation uses."""
 
     system: ImpactMap
 
@@ -54,7 +54,7 @@ class Recorded(Protocol):
 def animate(
     record: Recorded, begin: float | None, end: float | None, frames: int, element: str | None
 ) -> FuncAnimation:
-    """Animate a record, as `ImpactRecord.animate` says."""
+    """Animate a record; see `ImpactRecord.animate`."""
     from matplotlib.animation import FuncAnimation
 
     count = positive_integer("frames", frames)
@@ -72,7 +72,7 @@ def animate(
     figure.set_layout_engine("none")
 
     def show(k: int) -> list[Any]:
-        # quicker than to clear axes, whose ticks would be made anew
+        # faster than clearing the axes, after which their ticks would be computed again
         for drawn in (*above.lines, *above.patches, *above.collections, *above.texts):
             drawn.remove()
         sketch(above, record.system, poses[k])
@@ -88,7 +88,7 @@ def animate(
 
 
 def poses_at(record: Recorded, times: Array) -> list[Pose]:
-    """The machine at times (k,), in units of the sketch."""
+    """Poses of the machine at times (k,), in units of the sketch."""
     system, names = record.system, element_names(record.system)
     x = record.sample(times)[0]
     scale = _scale(system, x)
@@ -124,7 +124,7 @@ def _since(record: Recorded, element: int, times: Array) -> Array:
 
 
 def _limits(ax: Any, system: ImpactMap, poses: list[Pose]) -> Any:
-    """Limits of both axes within which all poses are: those of the extreme ones are drawn."""
+    """Limits (2, 2) of both axes that contain all poses; the extreme poses are drawn for this."""
     numbers = np.array([[*pose.shift, *pose.gaps.values()] for pose in poses])
     found = []
     for k in {*numbers.argmin(axis=0).tolist(), *numbers.argmax(axis=0).tolist()}:
@@ -136,7 +136,7 @@ def _limits(ax: Any, system: ImpactMap, poses: list[Pose]) -> Any:
 
 
 def _scale(system: ImpactMap, x: Array) -> float:
-    """Units of the sketch for a unit of length, so that masses do not overlap."""
+    """Units of the sketch per unit of length, so that masses do not overlap."""
     tied = abs(system.stiffness.sum(axis=1)) > 0.0
     apart = abs(np.diff(x, axis=1)).max(initial=0.0)
     reach = max(apart, abs(x[:, tied]).max(initial=0.0)) or abs(x).max(initial=0.0)

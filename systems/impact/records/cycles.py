@@ -1,4 +1,4 @@
-"""How long a period of a motion lasts, also where nothing drives it."""
+"""The period of a periodic motion, also of an undriven machine."""
 
 from __future__ import annotations
 
@@ -13,16 +13,17 @@ from dynkit.systems.impact.simulation.state import TWO_PI, ImpactState
 if TYPE_CHECKING:
     from dynkit.systems.impact.impact_map import ImpactMap
 
-# Twin runs for the error, the size of their disturbances, and the factor on the distance they
-# reach, as for `ImpactRecord.error`; the factor on what the motion is still away from its orbit.
+# Number of disturbed runs for the error, relative size of the disturbances, and factor on their
+# largest distance, as for `ImpactRecord.error`; factor on the distance of the motion to its orbit.
 _TWINS, _NOISE, _SAFETY, _SETTLING = 3, 2.0**-49, 4.0, 2.0
 
 
 def period_of(system: ImpactMap, start: ImpactState, label: OrbitLabel) -> tuple[float, float]:
     """The period of a periodic motion, and an estimate of its error, from a state on its section.
 
-    Where nothing drives it two periods are simulated. The error is what rounding does, as twin runs
-    say, and what the second period changes, summed up over all periods to come.
+    For an undriven machine two periods are simulated. The error is the sum of two estimates. The
+    effect of rounding is estimated from disturbed runs. The distance of the motion to its orbit is
+    the change from the first to the second period, summed over all later periods.
     """
     if label.periods is not None:
         length = label.periods * TWO_PI / system.frequency

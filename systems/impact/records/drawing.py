@@ -20,16 +20,16 @@ if TYPE_CHECKING:
 
     from dynkit.systems.impact.impact_map import ImpactMap
 
-# Samples in each period; periods drawn at most, at least where the motion ended by itself, and
-# after its last impact then.
+# Samples in each period; largest number of periods drawn; for a motion that ended by itself, the
+# smallest number of periods, and the number drawn after its last impact.
 _SAMPLES, _MOST, _LEAST, _AFTER = 100, 1000, 12, 2
 
-# Positions that are worked out at a time.
+# Number of positions that are computed at a time.
 _NUMBERS = 2**20
 
 
 def shown_until(period: float, run: Trajectory) -> float:
-    """Up to when the motion of a record is drawn, as `ImpactRecord.plot` says."""
+    """Time up to which the motion of a record is drawn by default; see `ImpactRecord.plot`."""
     end = float(run.time[-1]) if len(run.time) else 0.0
     alone = Ending.NO_FURTHER_CONTACT, Ending.CONTACT_FOR_EVER, Ending.CYCLE_ENDED
     if run.ending in alone or run.searched > run.duration:
@@ -100,7 +100,7 @@ _SHADES = (
 
 
 def _named(along: Any) -> str:
-    """How what a stop acts along is written on an axis."""
+    """Label of an axis for the coordinate along which a stop acts."""
     if isinstance(along, str):
         return along
     if isinstance(along, int):

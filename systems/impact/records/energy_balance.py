@@ -43,14 +43,14 @@ class EnergyBalance(Saved):
         under its name. Their sum equals the change, to within the error.
     dissipated : dict of str to float
         Energy that becomes heat in dashpots and in each element. Energy that an element stores and
-        returns, and work done by its own motion, are not part of it. The energy of the omitted
-        bounces of a chatter is dissipated by the stop. Friction elements that stick together have
-        the forces with the least sum of squares, since their shares are not determined.
+        returns, and work done by the motion of the element, are not part of it. The energy of the
+        omitted bounces of a chatter is dissipated by the stop. The forces of friction elements that
+        stick together are not determined; those with the least sum of squares are used.
     error : float
-        Difference between the change and the sum of the work, or the rounding of their terms if
-        that is larger.
+        Difference between the change and the sum of the work, or the rounding error of their terms
+        if that is larger.
     cost : Cost
-        Seconds; events, and nodes of quadrature.
+        Seconds; numbers of events and of nodes of quadrature.
     """
 
     _stored: ClassVar = ("change", "work", "dissipated", "error", "cost")
@@ -85,7 +85,7 @@ class EnergyBalance(Saved):
 
 @final
 class _Sums:
-    """Sums of work and of dissipated energy, by name, and of absolute values."""
+    """Sums of work and of dissipated energy, by name; sum `size` of the absolute values of work."""
 
     def __init__(self, names: list[str]) -> None:
         self.work = dict.fromkeys(["forces", "damping", *names], 0.0)
@@ -93,7 +93,7 @@ class _Sums:
         self.size = 0.0
 
     def add(self, name: str, work: Array, dissipated: Any = None) -> None:
-        """Add terms, (k,)."""
+        """Add terms (k,) to the work and to the dissipated energy under a name."""
         self.work[name] += float(work.sum())
         self.size += float(abs(work).sum())
         if dissipated is not None:
@@ -101,7 +101,7 @@ class _Sums:
 
 
 def energy_balance(system: ImpactMap, run: Trajectory) -> EnergyBalance:
-    """The balance of a run from its start to its last impact, which must be later."""
+    """The balance of a run from its start to its last impact, which must be after the start."""
     began = time.perf_counter()
     names, parts = element_names(system), system._automaton.parts
     sums, nodes, modes = _Sums(names), 0, system._automaton.modes
@@ -130,7 +130,7 @@ def energy_balance(system: ImpactMap, run: Trajectory) -> EnergyBalance:
         else:
             own = v[0] @ system.mass @ v[0] + x[0] @ system.stiffness @ x[0]
             energies.append(0.5 * float(own))
-        # Springs of elements may be pressed as the motion begins, and as it ends.
+        # Springs of elements may store energy at the start and at the end of the motion.
         now = parts.now(run.regimes[int(s.mode[i])])
         for k, (name, element, regime) in enumerate(zip(names, system._elements, now, strict=True)):
             spring = element.spring or regime.stiffness
@@ -152,7 +152,10 @@ def _flights(
     states: Array,
     sums: _Sums,
 ) -> None:
-    """Work in one mode, where elements are in these regimes, at nodes with these weights (k,)."""
+    """Add the work in one mode, from states at nodes with weights (k,), to the sums.
+
+    `regimes` are those of the elements in this mode.
+    """
     mode, now = part.mode, system._automaton.parts.now(regimes)
     _, v = mode.motion(states)
     sums.add("forces", weights * (applied(system, mode, states) * v).sum(axis=1))
@@ -173,7 +176,7 @@ def _flights(
 
 
 def _impacts(system: ImpactMap, run: Trajectory, sums: _Sums) -> int:
-    """Work of impacts, and of the bounces that are left out; how many there are."""
+    """Add the work of impacts and of omitted bounces to the sums; return the number of these."""
     found, names = jumps(system, run), element_names(system)
     middle = found.after + found.before
     work = 0.5 * (found.momentum * middle).sum(axis=1)

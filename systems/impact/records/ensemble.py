@@ -23,21 +23,22 @@ if TYPE_CHECKING:
     from dynkit.systems.impact.impact_map import ImpactMap
 
 _SWITCHES = 64
-"""Switches between two comparisons with the orbits; a motion with more is not followed."""
+"""Most switches between two comparisons with the orbits; a motion with more is given up."""
 _CLEAR = 2.0**-40
-"""A start is in flight where its gaps exceed this part of their terms, and slips where rates do."""
+"""A start is in flight if its gaps exceed this part of their terms, and slips if its slip
+velocities do."""
 
 
 @final
 @dataclass(frozen=True, eq=False)
 class Ensemble:
-    """Periodic orbits of one oscillator, and what their comparison with many motions needs.
+    """Periodic orbits of one oscillator, for comparison with many motions.
 
     Parameters
     ----------
     system : ImpactMap
     records : sequence of ImpactRecord
-        One period of each orbit, or more of an orbit that sticks.
+        One period of each orbit; of a sticking orbit also more than one.
     """
 
     system: ImpactMap
@@ -45,9 +46,13 @@ class Ensemble:
 
     @staticmethod
     def serves(system: ImpactMap) -> bool:
-        """Whether positions, velocities and phase determine flights, and slots hold them all."""
+        """Whether this simulation is possible for a system.
+
+        Positions, velocities and phase must determine the motion, and the slots of a mode must hold
+        all of them.
+        """
         kind = type(system)
-        # states of this package differ in defaults alone; those of others are made one by one
+        # `state` methods of this package differ only in defaults; others are called one by one
         usual = kind.state.__module__.startswith("dynkit.")
         usual = usual and kind.state_from.__module__.startswith("dynkit.")
         own = usual and system._motion is None and not system._strobed and not system._sliders
@@ -81,7 +86,7 @@ class Ensemble:
         beside, gap = system._automaton.beside, system._automaton.guards[0].sum
         given = contact, near, most, beside, *limits
         clock, left, _, switches, work, _, waits = buffers
-        work.codes[:] = WANTED_CODE  # a member does not wait until they are compiled
+        work.codes[:] = WANTED_CODE  # compile all code now: a member cannot pause for it
         fill_codes(gap, tables, clock, left, beside, 0.0, limits[0], noted, switches, work, waits)
         first = 0
         while first < len(able):
@@ -105,7 +110,7 @@ class Ensemble:
         return Log(time, speed, np.zeros(rows, np.intp), np.zeros(shape), np.zeros((0, 2)))
 
     def _buffers(self, impacts: Any, slots: int) -> Any:
-        """Buffers of a run, one of which is a log of impacts."""
+        """Buffers of a run, among them the given log of impacts."""
         from dynkit.systems.impact.simulation.clock_kernels import BEGIN, CLOCK
         from dynkit.systems.impact.simulation.log_kernels import Switches
         from dynkit.systems.impact.simulation.loop_kernels import WAITING
@@ -123,7 +128,7 @@ class Ensemble:
         )
 
     def _orbits(self, near: float) -> Any:
-        """The impacts of one period of each orbit, for the kernel."""
+        """The impacts of one period of each orbit, packed for the kernel."""
         from dynkit.systems.impact.simulation.ensemble_kernels import Orbits
 
         logs = [_one_period(record, near) for record in self.records]
@@ -141,7 +146,7 @@ class Ensemble:
     def _begun(self, starts: Array) -> tuple[Array, Array, NDArray[np.bool_]]:
         """Sines and cosines (n, 2), states (n, 2, slots), and whether starts fly and slip (n,).
 
-        The bits are those of `ImpactMap.state`.
+        States are identical bit for bit to those of `ImpactMap.state`.
         """
         system, n = self.system, self.system.degrees_of_freedom
         x, v, angles = starts[:, :n], starts[:, n : 2 * n], starts[:, -1].tolist()
@@ -161,7 +166,7 @@ class Ensemble:
         free = system._free
         if n == 1:
             q = free.coordinates(x, v, *turns.T)
-        else:  # one by one: a product of matrices sums in an order that depends on their number
+        else:  # one by one: the order of sums in a matrix product depends on the number of rows
             rows = zip(x, v, turns, strict=True)
             q = np.array([free.coordinates(a, b, *turn) for a, b, turn in rows])
         able &= np.isfinite(q).all(axis=(1, 2)) & ((q * q).sum(axis=(1, 2)) < 1e100)
@@ -169,15 +174,16 @@ class Ensemble:
 
 
 def _size(log: Impacts) -> float:
-    """The largest number of the states and speeds."""
+    """The largest magnitude in the states and speeds of a log."""
     return max(float(abs(log.states).max(initial=0.0)), float(log.speed.max(initial=0.0)))
 
 
 def _one_period(record: ImpactRecord, near: float) -> Impacts:
-    """The impacts of one period: all of P(n,m); of an orbit that sticks those until it recurs.
+    """The impacts of one period: all impacts of P(n,m); for a sticking orbit, those of one return.
 
-    Such an orbit is followed from its fastest impact, as the last bounces of a chatter are alike.
-    Where it does not recur within the record, there are none.
+    A sticking orbit is followed from its fastest impact in the first half of the record, since the
+    last bounces of a chatter are similar. If it does not return within the record, the result is
+    empty.
     """
     log: Impacts = record._run.log
     if not len(record.sticking):

@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from dynkit.systems.impact.impact_map import ImpactMap
 
 _LASTING = 2.0**-40
-"""Modes that last a smaller part of the period are not counted."""
+"""Segments that last a smaller part of the period than this are not counted."""
 
 
 def element_names(system: ImpactMap) -> list[str]:
@@ -29,10 +29,10 @@ def element_names(system: ImpactMap) -> list[str]:
 
 
 def event_counts(system: ImpactMap, start: ImpactState, length: float) -> dict[str, float] | None:
-    """Count the events of a periodic motion, in a period of this length, from a state on it.
+    """Count the events of a periodic motion in one period of a given length, from a state on it.
 
-    For hard stops these are impacts (infinite where they accumulate) and contacts; for other
-    elements how often they begin to press, or to stick. None where the motion ends.
+    For hard stops these are impacts (infinite if they accumulate) and contacts. For other elements
+    they are the beginnings of pressing, or of sticking. The result is None if the motion ends.
     """
     impacts = 64
     record = system.simulate(impacts=impacts, start=start)
@@ -43,7 +43,8 @@ def event_counts(system: ImpactMap, start: ImpactState, length: float) -> dict[s
         record = system.simulate(impacts=impacts, start=start)
     run = record._run
     s, switches = run.segments, run.switches
-    # From the middle of the longest time without an event, so that none is on the border.
+    # The period ends in the middle of its longest time without an event, so that no event is at
+    # its ends.
     last = s.begin[-1]
     border = np.append(last - length, s.begin[s.begin > last - length])
     longest = int(np.argmax(np.diff(border)))

@@ -1,4 +1,4 @@
-"""Kernel of time averages: sums over intervals of products of exponentials."""
+"""Kernel of time averages: integrals of products of exponentials, summed over intervals."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from dynkit.core.jit import kernel
 from dynkit.core.validation import Array
 
 BLOCK = 64
-"""Intervals that are summed up by themselves first, so that sums of many lose little."""
+"""Number of intervals that are summed up first, to reduce the rounding errors of long sums."""
 
 
 @kernel(entry=True, reorder=True)
@@ -28,22 +28,23 @@ def sum_products(
     norms: Array,
     grown: Array,
 ) -> None:
-    """Add up what the integrals of products of coordinates need.
+    """Sum, over intervals, the quantities from which integrals of products are computed.
 
     Parameters
     ----------
-    starts : (k, 2 slots) states at the begins of the intervals
+    starts : (k, 2 slots) states at the starts of the intervals
     durations : (k,)
-    forward : (2 (m - 1), 2 slots) real, then imaginary parts of the coordinates but for the last,
-        which is one
-    rates : (2, m) real and imaginary parts
-    fastest : (m,) errors of the rates, in units of rounding
-    slow : (p, 3) coordinates a, b and 1 where b's conjugate is meant
+    forward : (2 (m - 1), 2 slots) rows of the real, then of the imaginary parts of all coordinates
+        but the last, which is one
+    rates : (2, m) real and imaginary parts of the coordinates' rates
+    fastest : (m,) errors of the rates, in units of 2^-52
+    slow : (p, 3) pairs of coordinates a, b whose rates almost cancel; the third entry is 1 if the
+        product is that with the conjugate of b
     work : (4, m) buffer
-    block, gram : (2 m, 2 m) buffer; sums of products of real and imaginary parts at the ends less
-        those at the begins: the upper triangle is modified in place
-    norms : (4, m) sums of squares at begins, at ends, of the errors of the phases, and over time;
-        modified in place
+    block, gram : (2 m, 2 m) buffer; sums of products of real and imaginary parts at the ends of
+        intervals minus those at the starts: the upper triangle is modified in place
+    norms : (4, m) sums of squares: at starts; at ends; of the phase errors at ends; at starts times
+        durations; modified in place
     grown : (2, p) integrals of the slow products, modified in place
     """
     m = rates.shape[1]
@@ -86,7 +87,7 @@ def sum_products(
 
 @kernel(reorder=True)
 def _add_products(work: Array, block: Array) -> None:
-    """Add products (upper triangle) at the end less those at the begin of an interval."""
+    """Add products at the end of an interval minus those at its start, upper triangle."""
     m = work.shape[1]
     for a in range(m):
         for b in range(m):

@@ -1,4 +1,4 @@
-"""What elements do in a motion, by name: their gaps, rates, forces and impulses."""
+"""Observables of elements in a motion, by name: gaps, rates, forces and impulses."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ _OF_JOINTS = "stretch", "spring_force"
 
 
 class Jumps(NamedTuple):
-    """What happens where segments of a motion end, k of them.
+    """Changes at the ends of the first k segments of a motion.
 
     Attributes
     ----------
@@ -33,8 +33,8 @@ class Jumps(NamedTuple):
     before, after : (k, N) velocities
     momentum : (k, N) changes of momentum
     turn : (2, k) sine and cosine of the phase
-    hits : (k,) whether an impact, or bounces that are left out, happen there
-    impulse : (k, elements) towards the side of each
+    hits : (k,) whether the segment ends with an impact, or with omitted bounces
+    impulse : (k, elements) impulse of each element, towards its side
     """
 
     place: Array
@@ -47,7 +47,7 @@ class Jumps(NamedTuple):
 
 
 def names_along(system: ImpactMap) -> tuple[str, ...]:
-    """What can be asked of the elements, under names like those of their parameters."""
+    """Names of the observables of elements, which resemble those of their parameters."""
     return tuple(
         f"{name}.{what}"
         for name, element in zip(element_names(system), system._elements, strict=True)
@@ -64,13 +64,13 @@ def _of(element: Element) -> tuple[str, ...]:
 
 
 def along_at(system: ImpactMap, run: Trajectory, name: str, times: Array) -> Array:
-    """One of `names_along`, but an impulse, at times (k,) within a run."""
+    """One of `names_along`, except an impulse, at times (k,) within a run."""
     known = [known for known in names_along(system) if not known.endswith(".impulse")]
     return _values(system, run, one_of("name", name, known), times)
 
 
 def along_impacts(system: ImpactMap, run: Trajectory, name: str) -> Array:
-    """One of `names_along` just after the impacts, (n,), or as the periods begin."""
+    """One of `names_along` just after the impacts, or at the beginnings of periods, (n,)."""
     number, what = _split(system, name)
     if what == "impulse":
         found = jumps(system, run).impulse[:, number]
@@ -78,7 +78,7 @@ def along_impacts(system: ImpactMap, run: Trajectory, name: str) -> Array:
     out = _values(system, run, name, run.time)
     if what == "relative_velocity":
         hit = (run.element == number) & (not system._strobed)
-        out[hit] = run.log.speed[hit]  # to all digits
+        out[hit] = run.log.speed[hit]  # the stored value has more digits
     return out
 
 
@@ -106,10 +106,10 @@ def _values(system: ImpactMap, run: Trajectory, name: str, times: Array) -> Arra
 
 
 def _settled(system: ImpactMap, run: Trajectory, times: Array) -> Iterator[Any]:
-    """Runs, modes, where among the times (k,) they are, and states there.
+    """Runs, modes, indices of the times (k,) in each mode, and states there.
 
-    A run ends with an impact, or a period. What it makes of the elements at once is decided as the
-    motion goes on.
+    A run ends with an impact, or a period. For a time equal to its end, the simulation is continued
+    by one impact, since the regimes just after an event are decided only then.
     """
     ends = (times == run.duration) & (run.ending is Ending.COUNT_REACHED)
     before = np.flatnonzero(~ends)
@@ -124,7 +124,8 @@ def _settled(system: ImpactMap, run: Trajectory, times: Array) -> Iterator[Any]:
 def gap_of(system: ImpactMap, mode: Any, number: int, states: Array) -> tuple[Array, Array, Array]:
     """Gap of an element, its rate, and the velocity of the element itself, towards its side.
 
-    With a slider it is the stretch of the spring to the slider in place of the gap.
+    For an element with a slider, the stretch of the spring to the slider takes the place of the
+    gap.
     """
     x, v = mode.motion(states)
     _, sine, cosine = mode.parts(states)
@@ -139,7 +140,7 @@ def gap_of(system: ImpactMap, mode: Any, number: int, states: Array) -> tuple[Ar
 
 
 def applied(system: ImpactMap, mode: Any, states: Array) -> Array:
-    """The forces that drive the structure, (k, N)."""
+    """The harmonic and constant forces on the structure, (k, N)."""
     _, sine, cosine = mode.parts(states)
     excitation = system._excitation
     turning = np.outer(sine, excitation.harmonic.real) + np.outer(cosine, excitation.harmonic.imag)
@@ -149,8 +150,8 @@ def applied(system: ImpactMap, mode: Any, states: Array) -> Array:
 def forces_on(system: ImpactMap, mode: Any, regimes: tuple[int, ...], states: Array) -> Array:
     """Forces (elements, k) on the structure, towards the side of each element.
 
-    What holds or sticks gives what else is missing from mass times acceleration; of elements along
-    the same, what rests beside a closed stop nothing.
+    Elements that hold or stick have the forces that balance mass times acceleration. Friction that
+    rests on a row that a closed stop holds has no force.
     """
     if isinstance(mode, TaylorMode):
         found = [mode.balance(state)[1] for state in states]
@@ -185,7 +186,7 @@ def _accelerations(mode: Any, states: Array) -> Array:
 
 
 def jumps(system: ImpactMap, run: Trajectory) -> Jumps:
-    """What happens at the events from the start to the last impact."""
+    """Changes at the events from the start to the last impact."""
     s = run.segments
     last = int(np.searchsorted(s.point, run.impacts))
     before, after, momentum, place = np.zeros((4, last, system.degrees_of_freedom))

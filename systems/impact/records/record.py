@@ -48,13 +48,15 @@ if TYPE_CHECKING:
 OF_IMPACTS = "relative_velocity", "phase", "energy", "time"
 """Observables of records of impacts, besides those of elements."""
 
-# Number of twin runs for the error; by `_margin` of the system their distance is multiplied.
+# Number of disturbed runs ("twins") for the error estimate, which is their largest distance from
+# the run times `_margin` of the system.
 _TWINS = 3
 
-# Limit of a twin's search for an event: cells, and cells per cell of the whole run.
+# Limit of a twin's search for an event, in cells: a constant, plus a factor on the cells of the
+# whole run.
 _LEAST_CELLS, _CELLS_OF_TWINS = 10_000, 64
 
-# Numbers in a batch of states: about thirty such arrays exist at once, 60 MB.
+# Doubles in a batch of states: about thirty such arrays exist at once, 60 MB in total.
 _NUMBERS = 1 << 18
 
 
@@ -67,12 +69,12 @@ def twin_errors(
 ) -> Iterator[Array]:
     """Errors of impacts, one array for each batch; see `ImpactRecord.error`.
 
-    Those of positions and velocities are in a unit; that of the phase is an angle.
+    Errors of positions and velocities are divided by `unit`; the error of the phase is an angle.
 
     A long computation shows a progress bar on standard error.
     """
     noise = DISTURBANCE * 2.0**-52
-    # A twin that rests within rounding of the table may need a long search until it leaves.
+    # A twin that rests on the table to rounding may need a long search until it leaves.
     most_cells = min(MOST_CELLS, _LEAST_CELLS + _CELLS_OF_TWINS * whole.cells)
     twins = [
         course_from(
@@ -102,8 +104,8 @@ def twin_errors(
 
 
 def _compare(batch: ImpactRecord, twin: Any, units: Array, worst: Array) -> None:
-    """Advance a twin by the batch's impacts; the largest distances, (n,), are modified in place."""
-    # One that has ended has no further impacts.
+    """Advance a twin by the batch's impacts; update the largest distances (n,) in place."""
+    # A twin that has ended has no further impacts.
     more = len(batch) if twin.ending is Ending.COUNT_REACHED else 0
     system, log = batch.system, twin.advance(more, store=True)
     other, k = ImpactRecord(system, batch._run.holding(log)), len(log.time)
@@ -207,7 +209,7 @@ class ImpactRecord(SavedWithSystem):
 
     @property
     def sliders(self) -> Array:
-        """Places (n, J) of the sliders of `Jenkins` elements at the impacts."""
+        """Positions (n, J) of the sliders of `Jenkins` elements at the impacts."""
         return self._motion[0][:, self.system.degrees_of_freedom :]
 
     @cached_property
@@ -219,7 +221,8 @@ class ImpactRecord(SavedWithSystem):
     def _motion(self) -> tuple[Array, Array]:
         """Positions and velocities (n, N + J) at the impacts, exactly on the stops that are hit.
 
-        Computed from modal coordinates they would lose digits where these are much larger.
+        Those of the contact mass from modal coordinates would lose digits if the latter are much
+        larger.
         """
         run, forced = self._run, self.system._free.forced
         q, sine, cosine = run.coordinates
@@ -256,14 +259,14 @@ class ImpactRecord(SavedWithSystem):
 
     @property
     def _without_phase(self) -> Array:
-        """Section coordinates (n, 2N - 1) without the phase; all 2N where the phase is constant."""
+        """Section coordinates (n, 2N - 1) without the phase; all 2N if the phase is constant."""
         if self.system._strobed:
             positions, velocities = self.system._crossed.kept
             own = self.position[:, positions], self.velocity[:, velocities], self.sliders
             return np.concatenate(own, axis=1)
         others = self.system._others
         if self.system._motion is None and self.system._automaton.beside is None:
-            # of a stop alone, what is put on it is left out
+            # With one stop, the coordinate that is put on it is not a section coordinate.
             forced, q = self.system._free.forced, self._run.coordinates
             x, v = forced.positions(*q), forced.velocities(*q)
             return np.concatenate(
@@ -291,16 +294,16 @@ class ImpactRecord(SavedWithSystem):
 
     @property
     def sticking(self) -> Array:
-        """Begin and end (k, 2) of the intervals of contact; an end that never comes is infinite."""
+        """Begin and end (k, 2) of the intervals of contact; infinite if contact does not end."""
         return self._run.contacts
 
     @property
     def ambiguous(self) -> int | None:
-        """Index of the first impact whose outcome is not unique; None when every outcome is.
+        """Index of the first impact whose outcome is not unique; None if all outcomes are unique.
 
         Such an impact pushes against a closed stop, or coincides with an impact at another stop
         whose gap it changes. The motion then follows Newton's law with complementarity (Moreau);
-        another law or order gives another motion. From this impact on `error` is infinite.
+        another law or order gives another motion. From this impact on, `error` is infinite.
         """
         return None if self._run.ambiguous < 0 else self._run.ambiguous
 
@@ -311,12 +314,12 @@ class ImpactRecord(SavedWithSystem):
 
     @property
     def chatter_error(self) -> float:
-        """Sum of the changes made by replacing the last bounces of chatters by contact.
+        """Sum of the changes of the state when contact replaces the last bounces of chatters.
 
         For each chatter it is the largest change of a position or velocity of the other coordinates
         when contact begins, to leading order. It is proportional to the cube of the velocity of the
-        last bounce. The actual change is at most twice as large. Its effect on the later motion and
-        on the times of events is part of `error`.
+        first omitted bounce. The actual change is at most twice as large. Its effect on the later
+        motion and on the times of events is part of `error`.
         """
         return self._run.chatter_error
 
@@ -329,17 +332,20 @@ class ImpactRecord(SavedWithSystem):
     def error(self) -> Array:
         """Estimate of the largest error of the section coordinates of each impact, (n,).
 
-        The simulation is repeated three times with pseudo-random disturbances: of the start, of the
-        state after every impact, and of the bounces omitted from a chatter. Each disturbance is
-        8 * 2^-52 of a number, and a quarter of a last digit of its value along the flight, which is
-        many times the rounding. The estimate is four times the largest distance reached so far, and
-        at least the rounding of the largest coordinate. With several elements, or one that is no
-        hard stop, beside linear springs it is eight times that distance: their events add errors,
-        and by chance all three runs may stay near. On a stable motion the estimate stays near
-        1e-14. In chaos it grows to the size of the attractor: from there on single states have no
-        meaning. It is infinite where a twin has fewer impacts, or where rounding decides whether a
-        twin leaves the table. The error of a time is this error over the frequency, plus the
-        rounding of the time; where times of twins differ by turns of the table, all turns count.
+        The simulation is repeated three times with pseudo-random disturbances of the start, of the
+        state after every impact, and of the bounces omitted from a chatter. Each number is
+        disturbed by 8 * 2^-52 of itself, and by a quarter of the last digit of its largest value
+        along the flight. This is many times the rounding error.
+
+        The estimate is four times the largest distance reached so far by a disturbed run, and at
+        least the rounding error of the largest coordinate. It is eight times that distance for a
+        linear structure with several hard stops, or with another kind of element: the events of
+        elements add errors, and by chance all three runs may stay near. On a stable motion the
+        estimate stays near 1e-14. In chaos it grows to the size of the attractor; from there on,
+        single states have no meaning. It is infinite where a disturbed run has fewer impacts, for
+        example because rounding decides whether it leaves the table. The error of a time is this
+        error over the frequency, plus the rounding error of the time. If times differ by whole
+        periods of the table, these periods count as well.
 
         References
         ----------
@@ -349,7 +355,7 @@ class ImpactRecord(SavedWithSystem):
         return self._error_in(1.0)
 
     def _error_in(self, unit: float) -> Array:
-        """Its errors (n,) where positions and velocities are in a unit."""
+        """Errors (n,) as `error`, with positions and velocities divided by `unit`."""
         worst, done = np.empty(len(self)), 0
         for part in twin_errors(self.system, self._run, self._batches(), len(self), unit):
             worst[done : done + len(part)] = part
@@ -371,16 +377,16 @@ class ImpactRecord(SavedWithSystem):
     def sample(self, times: object) -> tuple[Array, Array]:
         """Positions and velocities at given times, exact in flight and in contact.
 
-        At the time of an impact it is the state just after the impact. Within the omitted bounces
-        of a chatter the contact mass follows these bounces to leading order; the error of its
-        position is then at most a thousand times the `chatter_tolerance`.
+        At the time of an impact the result is the state just after the impact. During the omitted
+        bounces of a chatter the contact mass follows these bounces to leading order; the error of
+        its position is then at most a thousand times the `chatter_tolerance`.
 
         Parameters
         ----------
         times : (k,) array_like
-            Times from the start, in any order, up to the last impact, or to the last event where no
-            impact was found. After a simulation that ended by itself, up to millions of periods;
-            where springs are not linear and no event was found any more, up to 1000 periods.
+            Times from the start, in any order, up to the last impact, or to the last event if no
+            further impact was found. After a simulation that ended by itself, up to millions of
+            periods; for nonlinear springs, up to 1000 periods after the last event.
 
         Returns
         -------
@@ -389,7 +395,7 @@ class ImpactRecord(SavedWithSystem):
         Raises
         ------
         ValueError
-            When a time is not finite, negative, or beyond what was simulated.
+            When a time is not finite, negative, or beyond the simulated time.
         """
         return sample_run(self.system, self._run, self._within(times))
 
@@ -417,17 +423,18 @@ class ImpactRecord(SavedWithSystem):
         ``"table.relative_velocity"`` (the rate of the gap) and ``"table.contact_force"``, which is
         never negative; hard stops also ``"table.impulse"``, the impulse of each impact. Friction
         has ``"belt.slip_velocity"`` and ``"belt.friction_force"``, the force on the structure along
-        its row. `Jenkins` elements have ``"joint.stretch"`` of the spring and
-        ``"joint.spring_force"``, also that on the structure. The values are exact for the computed
+        its row. `Jenkins` elements have ``"joint.stretch"``, the stretch of the spring, and
+        ``"joint.spring_force"``, its force on the structure. The values are exact for the computed
         states; the error of a force is that of the states times the stiffness on which it acts.
-        During the omitted bounces of a chatter they are those of contact.
+        During the omitted bounces of a chatter the values are those of contact.
 
         Parameters
         ----------
         name : str
         times : (k,) array_like, optional
             Times as in `sample`, for an observable of an element other than an impulse. By default
-            the values just after each impact, or without a hard stop at the begins of periods.
+            the values are those just after each impact; without a hard stop, those at the beginning
+            of each period.
 
         Returns
         -------
@@ -436,7 +443,7 @@ class ImpactRecord(SavedWithSystem):
         Raises
         ------
         ValueError
-            When there is no observable of this name, or a time is beyond what was simulated.
+            When there is no observable of this name, or a time is beyond the simulated time.
 
         Examples
         --------
@@ -466,7 +473,7 @@ class ImpactRecord(SavedWithSystem):
         return np.asarray(getattr(self, name), dtype=np.float64)
 
     def _within(self, times: object) -> Array:
-        """Times (k,) within what was simulated."""
+        """Times (k,), checked to lie within the simulated time."""
         asked = finite_array("times", times, (None,))
         last = longest_sample(self.system, self._run)
         if self.ending is Ending.COUNT_REACHED:
@@ -496,18 +503,18 @@ class ImpactRecord(SavedWithSystem):
 
         Intervals are shaded while a stop on this coordinate is in contact or presses, and hatched
         while friction sticks. By default the figure ends at the last impact, after at most 1000
-        periods of the forcing. Where the simulation ended by itself, it ends two periods later,
-        after at least 12.
+        periods of the forcing. If the simulation ended by itself, the figure ends two periods after
+        the last impact, and after at least 12 periods.
 
         Parameters
         ----------
         ax : Axes, optional
-            Where to draw; by default a new figure of column width.
+            Axes to draw on; by default a new figure of column width.
         element : str, optional
             Name of the element, or ``"elements[k]"``; by default the first hard stop, else the
             first element.
         begin, end : float, optional
-            Interval of time that is drawn.
+            Limits of the time interval that is drawn.
 
         Returns
         -------
@@ -546,7 +553,7 @@ class ImpactRecord(SavedWithSystem):
     ) -> FuncAnimation:
         """Animate the machine: its sketch in motion, above the time series of an element.
 
-        Displacements and gaps are drawn to one scale. A stop that is hit is drawn bold for some
+        Displacements and gaps have the same scale. A stop that is hit is drawn bold for some
         frames; a slider that sticks is grey.
 
         Parameters
@@ -554,7 +561,7 @@ class ImpactRecord(SavedWithSystem):
         begin, end : float, optional
             Interval of time; by default the six periods of the forcing before the last impact.
         frames : int
-            Number of frames, at equal times; 25 of them are shown in a second.
+            Number of frames, at equal time steps; 25 frames are shown in a second.
         element : str, optional
             As in `plot`.
 
@@ -583,12 +590,12 @@ class ImpactRecord(SavedWithSystem):
     def dataset(self) -> Dataset:
         """Return the impacts and contacts as a dataset, with times from the start.
 
-        Without a hard stop these are the states once a period, or once a cycle of what nothing
-        drives; they have no ``relative_velocity`` and no ``element``.
+        Without a hard stop, the dataset holds the states once a period of the forcing, or once a
+        cycle of an undriven machine, without ``relative_velocity`` and ``element``.
 
         Its dimensions are ``impact``, ``mass`` (the coordinates, from 1) and ``contact``, and with
-        `Jenkins` elements ``slider``. It holds the `error`, which takes further simulations, only
-        if that was computed before.
+        `Jenkins` elements ``slider``. It holds the `error`, which requires further simulations,
+        only if that was computed before.
 
         Examples
         --------
@@ -644,8 +651,8 @@ class ImpactRecord(SavedWithSystem):
         Raises
         ------
         ValueError
-            When the record has no impact after its start, or the modes are so fast that the
-            integrals need more than some millions of nodes of quadrature.
+            When the record has no impact after its start, or when the modes are so fast that the
+            integrals need more than about 30 million nodes of quadrature.
 
         Examples
         --------
@@ -668,13 +675,13 @@ class ImpactRecord(SavedWithSystem):
         Parameters
         ----------
         batches : int or (b + 1,) sequence of int
-            Number of batches of successive impacts; at most the number of impacts. Or their
-            edges: numbers of impacts, ascending from 0 to that of the record.
+            Number of batches of successive impacts, at most the number of impacts. Or the edges of
+            the batches: numbers of impacts, ascending from 0 to the number in the record.
 
         Raises
         ------
         ValueError
-            When the record has no impact after its start, or the edges are others.
+            When the record has no impact after its start, or the edges are not such numbers.
         """
         from dynkit.systems.impact.records.second_moments import second_moments
 

@@ -28,20 +28,20 @@ if TYPE_CHECKING:
 
 _EPS = 2.0**-52
 
-# A sum of two rates below this part of one over the mean time is not divided by: integrals of
-# single intervals are summed up instead.
+# If a sum of two rates is smaller than this part of 1 / (mean duration), the closed form would
+# divide by a small number. Then the integrals of the single intervals are summed instead.
 _SLOW = 1e-3
 
-# Closed forms are replaced by quadrature when rounding may have cost them more than this part.
+# Quadrature replaces closed forms whose rounding errors may exceed this part of the largest moment.
 _LOST = 1e-10
 
-# Gauss-Legendre panels: so many nodes, and the largest product of rate and length. Of a term exp(z
-# s) a panel is wrong by less than |z h|^32 (16!)^4 / (33 (32!)^3) = 3e-26 for |z h| = 8: ten digits
-# to spare for what grows like a polynomial.
+# Gauss-Legendre panels: number of nodes, and largest product of rate and length. For a term exp(z
+# s) the error of a panel is less than |z h|^32 (16!)^4 / (33 (32!)^3) = 3e-26 for |z h| = 8. This
+# leaves ten digits for terms that grow like a polynomial.
 _NODES, _REACH = 16, 8.0
-# Error of averages over the steps of Taylor's method, in roundings of the largest.
+# Error of averages over the steps of Taylor's method, in units of 2^-52 of the largest average.
 _OF_STEPS = 256.0
-# Products of two coordinates at which a call of the kernel ends: some ten milliseconds.
+# Number of products of two coordinates in one call of the kernel: about ten milliseconds.
 _PRODUCTS_OF_A_CALL = 1 << 20
 
 _CHUNK, MOST_NODES = 1 << 16, 1 << 25
@@ -61,10 +61,10 @@ class SecondMoments(Saved):
     durations : (b,)
     error, mean_error : float
         Bounds, to leading order, on the effect of rounding and of omitted bounces on any entry of
-        the means of x x^T and of x. They hold for the computed motion: the growth of disturbances
-        in chaos, which changes single states but not their distribution, is not part of them.
+        the means of x x^T and of x. They hold for the computed motion. They do not include the
+        growth of disturbances in chaos, which changes single states but not their distribution.
     cost : Cost
-        Seconds; impacts, and nodes of quadrature where closed forms would have lost digits.
+        Seconds; numbers of impacts, and of nodes of quadrature where closed forms lose digits.
     """
 
     _stored: ClassVar = ("products", "sums", "durations", "error", "mean_error", "cost")
@@ -103,7 +103,7 @@ class SecondMoments(Saved):
 @final
 @dataclass(frozen=True, eq=False)
 class Intervals:
-    """Successive intervals in one mode: states at their begins, durations, numbers of impacts."""
+    """Intervals in one mode: states at their starts, durations, and numbers of impacts before."""
 
     mode: Any
     starts: Array
@@ -114,9 +114,9 @@ class Intervals:
 def second_moments(
     oscillator: DrivenStructure, run: Trajectory, edges: NDArray[np.intp]
 ) -> SecondMoments:
-    """Moments of a run from its start to its last impact, which must be later.
+    """Moments of a run from its start to its last impact, which must be after the start.
 
-    The batches end at the impacts whose numbers are the edges (b + 1,), from 0 to all.
+    The edges (b + 1,) are the numbers of impacts between which the batches lie, from 0 to all.
     """
     began = time.perf_counter()
     n = oscillator.degrees_of_freedom
@@ -158,7 +158,7 @@ def intervals(run: Trajectory) -> Iterator[Intervals]:
     parts = run.segments
     last = int(np.searchsorted(parts.point, run.impacts))
     durations = np.diff(parts.begin)[:last]
-    # Flights from a release are apart: those in a chatter are much shorter.
+    # Segments after a switch form a group of their own: those in a chatter are much shorter.
     for after in (False, True):
         now = np.flatnonzero((parts.kind[:last] != EventKind.IMPACT) == after)
         for mode, here in run.modes(parts.mode[now]):
@@ -167,7 +167,7 @@ def intervals(run: Trajectory) -> Iterator[Intervals]:
 
 
 def _closed_form(part: Intervals, edges: NDArray[np.intp]) -> tuple[Array, Array]:
-    """Moments (b, N + 1, N + 1), the number one last, and a bound of the errors of their sum."""
+    """Moments (b, N + 1, N + 1) of positions and one, and a bound of the errors of their sum."""
     from dynkit.systems.impact.records import moment_kernels
 
     size = part.mode.bodies + 1
@@ -194,7 +194,7 @@ def _closed_form(part: Intervals, edges: NDArray[np.intp]) -> tuple[Array, Array
     places = np.searchsorted(part.impact, edges)
     flat = part.starts.reshape(len(part.starts), 2 * part.mode.layout.slots)
     work, block = np.empty((4, m)), np.empty((2 * m, 2 * m))
-    # Of whole blocks: sums do not depend on the size.
+    # Steps are whole blocks, so that the order of sums does not depend on their size.
     step = moment_kernels.BLOCK * max(_PRODUCTS_OF_A_CALL // (moment_kernels.BLOCK * m * m), 1)
     for batch, now in enumerate(map(slice, places[:-1], places[1:])):
         gram, grown = np.zeros((2 * m, 2 * m)), np.zeros((2, len(listed)))
@@ -215,7 +215,7 @@ def _closed_form(part: Intervals, edges: NDArray[np.intp]) -> tuple[Array, Array
             )
         gram = np.triu(gram) + np.triu(gram, 1).T
         own, mixed, imaginary = gram[:m, :m], gram[:m, m:], gram[m:, m:]
-        # sums of c c^T and of c c^*, at the ends less at the begins
+        # sums of c c^T and of c c^*, at the ends minus at the starts
         changes = (
             own - imaginary + 1j * (mixed + mixed.T),
             own + imaginary + 1j * (mixed.T - mixed),
@@ -241,9 +241,10 @@ def _closed_form(part: Intervals, edges: NDArray[np.intp]) -> tuple[Array, Array
 
 
 def quadrature(part: Intervals) -> Iterator[tuple[NDArray[np.intp], Array, Array]]:
-    """Nodes of Gauss-Legendre quadrature over intervals: of which, their weights, and states there.
+    """Nodes of Gauss-Legendre quadrature over intervals, in batches.
 
-    (k,), (k,) and (k, 2, slots), in batches; fine enough for products of two sums.
+    Each batch has the interval numbers (k,), weights (k,) and states (k, 2, slots) of its nodes.
+    They are dense enough for products of two exponential sums.
     """
     if isinstance(part.mode, TaylorMode):
         pairs = zip(part.starts, part.durations.tolist(), strict=True)
@@ -267,7 +268,7 @@ def quadrature(part: Intervals) -> Iterator[tuple[NDArray[np.intp], Array, Array
 
 
 def nodes_needed(part: Intervals) -> int | None:
-    """How many nodes these are; None for too many. Where steps are of Taylor's method, 0."""
+    """Number of nodes of `quadrature`; None for more than `MOST_NODES`; 0 for Taylor's method."""
     if isinstance(part.mode, TaylorMode):
         return 0
     count = _panels(part).sum() * _NODES
@@ -283,7 +284,7 @@ def _fastest(part: Intervals) -> float:
 
 
 def _quadrature(part: Intervals, edges: NDArray[np.intp]) -> tuple[Array, Array, int]:
-    """As `_closed_form`, and the number of nodes, by `quadrature` of the exact motion."""
+    """Moments and bound as in `_closed_form`, by `quadrature`; then the number of nodes."""
     mode, nodes = part.mode, 0
     n = mode.bodies
     out = np.zeros((len(edges) - 1, n + 1, n + 1))
@@ -301,7 +302,7 @@ def _quadrature(part: Intervals, edges: NDArray[np.intp]) -> tuple[Array, Array,
     root = np.sqrt(np.diagonal(out.sum(axis=0)))
     if isinstance(mode, TaylorMode):
         return out, _OF_STEPS * _EPS * np.outer(root, root), nodes
-    # Positions are rounded as the terms are of which they are sums.
+    # Rounding errors of positions are relative to the terms of which they are sums.
     terms = np.sqrt(part.durations @ _terms(part) ** 2)
     phases = _fastest(part) * float(part.durations.max(initial=0.0))
     lost = 0.5 * _EPS * (8.0 + 2.0 * n + phases) * (np.outer(terms, root) + np.outer(root, terms))
@@ -309,7 +310,7 @@ def _quadrature(part: Intervals, edges: NDArray[np.intp]) -> tuple[Array, Array,
 
 
 def _terms(part: Intervals) -> Array:
-    """Bounds (k, N + 1) of the sums of absolute terms of positions in each interval, and one."""
+    """Bounds (k, N + 1) of the sums of absolute terms of positions in each interval; last, one."""
     mode, rest = part.mode, part.mode.forced.rest_terms
     rows = np.stack([mode.row(unit) for unit in np.eye(len(rest))[: mode.bodies]])
     weights = mode.pairs.bounds(rows, float(part.durations.max(initial=0.0)))
@@ -318,22 +319,25 @@ def _terms(part: Intervals) -> Array:
 
 
 def _clock_error(oscillator: DrivenStructure, run: Trajectory) -> Array:
-    """Bound (N + 1, N + 1) of what rounded times, whose differences are durations, changed."""
+    """Bound (N + 1, N + 1) of the effect of rounded times, whose differences are durations."""
     root = np.sqrt(_EPS * (run.time @ _positions(oscillator, run) ** 2))
     return np.asarray(np.outer(root, root))
 
 
 def _impact_error(oscillator: DrivenStructure, run: Trajectory, moments: Array) -> Array:
-    """Bound (N + 1, N + 1) of what impacts where the gap is zero but for rounding changed.
+    """Bound (N + 1, N + 1) of the effect of impacts at gaps that are zero only to rounding.
 
-    Where rounding leaves g in a gap that closes at the rate u and bends by a, the impact is late by
-    s = g / |u|, at most sqrt(2 g / |a|). g is a part of the terms of which the gap is the sum, or,
-    after a flight of duration t from the table, of t^2 / 2 times those of the acceleration. The
-    position moves by (1 + r) g times that of a kick k, which is rounding like any other; velocities
-    after it by (1 + r) (|a| s + h) k, h the rounding of u, and positions in the next flight, of
-    duration t, by that times t at most: its integral of x_i x_j by as much times t (|k_i x_j| +
-    |k_j x_i|) / 2. The last impact is where the averages R end: they move by (x x^T - R) s over the
-    whole duration.
+    If the rounding error of a gap is g, and the gap closes at the rate u with the acceleration a,
+    the time of the impact is wrong by s = g / |u|, at most sqrt(2 g / |a|). g is relative to the
+    terms of which the gap is the sum; after a flight of duration t from the table it is at most
+    t^2 / 2 times the rounding error of the acceleration.
+
+    Let k be the velocity changes by a unit jump of the gap's rate. Positions change by (1 + r) g k,
+    which is as small as other rounding errors. Velocities after the impact change by (1 + r) (|a| s
+    + h) k, where h is the rounding error of u.
+    Positions in the next flight, of duration t, change by at most t times that. Its integral of x_i
+    x_j changes by this change times t (|k_i x_j| + |k_j x_i|) / 2. The averages R end at the last
+    impact: they change by (x x^T - R) s over the whole duration.
     """
     free = oscillator._free
     x, states = _positions(oscillator, run), run.free_states[1:]
@@ -353,7 +357,7 @@ def _impact_error(oscillator: DrivenStructure, run: Trajectory, moments: Array) 
     with np.errstate(divide="ignore", invalid="ignore"):
         late = np.fmin(left / abs(rates), np.sqrt(2.0 * left / abs(bends)))
     late = np.where(np.isfinite(late), late, 0.0)
-    # What comes to rest on the table forgets how fast it was.
+    # A mass that comes to rest on the table does not keep an error of its velocity.
     following = np.append(np.where(from_table, flights, 0.0)[1:], 0.0)
     laws = [s.restitution for s in oscillator._stops]
     restitution = np.array([1.0 if isinstance(r, ImpactLaw) else r for r in laws])[run.element]
@@ -367,7 +371,7 @@ def _impact_error(oscillator: DrivenStructure, run: Trajectory, moments: Array) 
 
 
 def _positions(oscillator: DrivenStructure, run: Trajectory) -> Array:
-    """Positions (impacts, N + 1) at the impacts, the number one last."""
+    """Positions (impacts, N + 1) at the impacts; the last column is one."""
     n, forced = oscillator.degrees_of_freedom, oscillator._free.forced
     x = np.empty((run.impacts, n + 1))
     x[:, n] = 1.0
@@ -377,16 +381,16 @@ def _positions(oscillator: DrivenStructure, run: Trajectory) -> Array:
 
 
 def _kicks(oscillator: DrivenStructure) -> Iterator[tuple[int, Array]]:
-    """Of all stops what a unit jump of the gap's rate changes at most in velocities, (N + 1,)."""
+    """For each stop, absolute velocity changes by a unit jump of the gap's rate, (N + 1,)."""
     for element, contact in enumerate(oscillator._contacts):
         yield element, np.append(abs(contact.kick_velocity[: oscillator.degrees_of_freedom]), 0.0)
 
 
 def _left_out(oscillator: DrivenStructure, run: Trajectory, moments: Array, element: int) -> Array:
-    """Bound (N + 1,) of the integrals that bounces, replaced by contact, would have added."""
+    """Bound (N + 1,) of the integrals over bounces that were omitted, by contact at a stop."""
     parts, stop = run.segments, oscillator._stops[element]
     own = (parts.element == element) & (parts.speed > 0.0) & (parts.point < run.impacts)
-    # The first bounce, a parabola, is the highest.
+    # All bounces are lower than the first one, a parabola.
     first = share(stop.restitution, parts.speed[own])
     height = 0.25 * parts.speed[own] * parts.rest[own] * first
     squares = np.diagonal(moments.sum(axis=0))

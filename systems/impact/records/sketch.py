@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from dynkit.systems.impact.impact_map import ImpactMap
 
 _HALF, MASS_DISTANCE, _TOP = 0.4, 2.4, 1.1
-"""Half the side of a mass; distance from one mass to the next; height of the walls above."""
+"""Half the side of a mass; distance from one mass to the next; height of the walls above masses."""
 
 ROOM = MASS_DISTANCE - 2.0 * _HALF
 """Free distance between two masses."""
@@ -28,7 +28,7 @@ _LANES, _LANE = -0.95, 0.75
 """Height of the first row of elements, and distance from one row to the next."""
 
 _SCALE, _WIDEST, _LETTER = 0.32, 7.0, 0.063
-"""In inches: a unit, the largest width, a letter."""
+"""In inches: a unit of the sketch, the largest width, the width of a letter."""
 
 _MOST, _NONE = 20, 1e-9
 
@@ -41,13 +41,13 @@ class Pose(NamedTuple):
     shift : (N,)
         Displacements of the masses.
     gaps : dict of str to float
-        Gaps of stops, and stretches of springs to sliders, by name; by default they are fixed.
+        Gaps of stops, and stretches of springs to sliders, by name; others have a fixed size.
     struck : dict of str to float
-        Stops that were just hit, by name, and how recently: from 1 down to 0.
+        Numbers from 1, for a stop that was just hit, down to 0, by name.
     stuck : collection of str
-        Names of friction that sticks.
+        Names of friction elements that stick.
     margin : float
-        Where the names of elements are written, each in a row of its own.
+        Smallest horizontal position at which the names of elements begin.
     """
 
     shift: Array
@@ -59,7 +59,7 @@ class Pose(NamedTuple):
 
 @print_style()
 def sketch(ax: Axes | None, system: ImpactMap, pose: Pose | None = None) -> Axes:
-    """Draw a machine, as `ImpactOscillator.plot` says; in a pose, if there is one."""
+    """Draw a machine, in a pose if one is given; see `ImpactOscillator.plot`."""
     from matplotlib.figure import Figure
 
     n = system.degrees_of_freedom
@@ -78,7 +78,7 @@ def sketch(ax: Axes | None, system: ImpactMap, pose: Pose | None = None) -> Axes
                 if abs(matrix[i, j]) > least:
                     pen.between(kind, i, j)
     named = zip(element_names(system), system._elements, strict=True)
-    # Surfaces last: below them nothing hangs on the same mass.
+    # Surfaces are last: no other element of the same mass is drawn below them.
     for name, element in sorted(named, key=lambda pair: "sticks" in pair[1].doing):
         pen.element(name, element)
     axes.set_aspect("equal")
@@ -123,7 +123,7 @@ class _Pen:
         self._box(x, y, width, height, hatch="//////", linewidth=0.0, edgecolor=ink(0.4))
 
     def _link(self, kind: str, start: tuple[float, float], end: tuple[float, float]) -> None:
-        """A spring or a dashpot from point to point."""
+        """Draw a spring or a dashpot from one point to another."""
         a, b = np.array(start), np.array(end)
         along = (b - a) / np.hypot(*(b - a))
         across = 0.1 * np.array([-along[1], along[0]])
@@ -141,7 +141,7 @@ class _Pen:
         self._line(*np.array([middle, b]).T)
 
     def _arrow(self, x: float, y: float, velocity: float) -> None:
-        """Of what moves with a velocity, or of what swings."""
+        """Draw an arrow in the direction of a velocity; a double arrow if the velocity is zero."""
         back = -0.3 if velocity < 0.0 else 0.3
         look = {"arrowstyle": "->" if velocity else "<->", "linewidth": 0.7, "color": ink()}
         look |= {"shrinkA": 0.0, "shrinkB": 0.0}
@@ -150,11 +150,11 @@ class _Pen:
     # --- the structure ----------------------------------------------------------------------------
 
     def _at(self, k: int) -> float:
-        """Position of a mass."""
+        """Horizontal position of a mass."""
         return k * MASS_DISTANCE + float(self._pose.shift[k])
 
     def mass(self, k: int) -> None:
-        """A box with its number."""
+        """Draw a mass as a box with its number."""
         self._box(self._at(k) - _HALF, -_HALF, 2.0 * _HALF, 2.0 * _HALF)
         if self._last < 12:
             self._text(self._at(k), 0.0, f"$x_{{{k + 1}}}$")
@@ -162,7 +162,7 @@ class _Pen:
             self._text(self._at(k), 0.0, f"{k + 1}", fontsize=5.0)
 
     def to_wall(self, kind: str, k: int) -> None:
-        """A spring or dashpot between a mass and a wall: at its free side, or above."""
+        """Draw a spring or dashpot from a mass to a wall, at its free side or above it."""
         off = 0.2 if kind == "spring" else -0.1
         home, x = k * MASS_DISTANCE, self._at(k)
         if 0 < k < self._last:
@@ -177,7 +177,7 @@ class _Pen:
         self._line([end, end], [-_HALF, _HALF])
 
     def between(self, kind: str, i: int, j: int) -> None:
-        """A spring or dashpot between two masses: straight, or over those in between."""
+        """Draw a spring or dashpot between two masses: straight, or above the masses in between."""
         off = 0.2 if kind == "spring" else -0.1
         start, end = self._at(i), self._at(j)
         if j == i + 1:
@@ -191,7 +191,7 @@ class _Pen:
     # --- elements ---------------------------------------------------------------------------------
 
     def element(self, name: str, element: Element) -> None:
-        """A stop or friction, below the masses that it acts on, with its name."""
+        """Draw a stop or friction, with its name, below the masses on which it acts."""
         row = np.ones(self._last + 1) if element.curved else element.row(self._last + 1)
         some = np.flatnonzero(row).tolist()
         low, high = (k * MASS_DISTANCE for k in (some[0], some[-1]))
@@ -226,7 +226,7 @@ class _Pen:
             self._post(low if element.sign > 0 else high, y, gap, hit, element)
 
     def _lane(self, begin: float, end: float) -> float:
-        """The height of a row where this stretch is free."""
+        """Height of a row of elements in which this horizontal interval is free."""
         for lane in self._lanes:
             if all(end < low or begin > high for low, high in lane):
                 lane.append((begin, end))
@@ -241,7 +241,7 @@ class _Pen:
         self._line([x, x], [y - 0.16, y + 0.16], linewidth=2.0 + 4.0 * hit)
 
     def _post(self, x: float, y: float, gap: float | None, hit: float, element: Element) -> None:
-        """A wall beside what is stopped; that of a soft stop has a spring."""
+        """Draw a wall beside the stopped mass; a soft stop has a spring or dashpot at the wall."""
         side, by, apart = -element.sign, _by(element), 0.25 if gap is None else gap
         face, wall = x + max(apart, 0.0) * side, x + (apart + (0.45 if by else 0.0)) * side
         self._plate(x, y, hit)
@@ -256,7 +256,7 @@ class _Pen:
     def _surface(
         self, x: float, home: float, y: float, gap: float | None, element: Element, fill: Any
     ) -> None:
-        """A slider, perhaps behind a spring, and the surface below it, which stays where it is."""
+        """Draw a slider, possibly behind a spring, and the fixed surface below it."""
         if element.slider:
             x, start, home = x + 0.7 - (gap or 0.0), x, home + 0.7
             self._link("spring", (start, y), (x - 0.3, y))
@@ -269,7 +269,7 @@ class _Pen:
     def _stop(
         self, low: float, high: float, y: float, gap: float | None, hit: float, by: str | None
     ) -> None:
-        """Between two masses that come close."""
+        """Draw a stop between two masses that is hit when they approach each other."""
         half = 0.12 if gap is None else 0.5 * max(gap, 0.0)
         left, right = (0.5 * (low + high) + side * half for side in (-1.0, 1.0))
         self._rod(low, left, y, by)
@@ -280,7 +280,7 @@ class _Pen:
     def _cage(
         self, low: float, high: float, y: float, gap: float | None, hit: float, by: str | None
     ) -> None:
-        """Between two masses that move apart: a rod with a plate, in a cage."""
+        """Draw a stop that is hit when two masses move apart: a rod with a plate, in a cage."""
         left, right = (0.5 * (low + high) + side * 0.3 for side in (-1.0, 1.0))
         plate = right - (0.25 if gap is None else max(gap, 0.0))
         self._rod(low, plate, y, by)
@@ -297,7 +297,7 @@ class _Pen:
             self._line([start, end], [y, y])
 
     def _rub(self, low: float, high: float, y: float, by: str | None, fill: Any) -> None:
-        """Between two masses: one slides along the other."""
+        """Draw friction between two masses, of which one slides along the other."""
         middle = 0.5 * (low + high)
         self._box(middle - 0.3, y - 0.12, 0.6, 0.24, **fill)
         self._rod(low, middle - 0.3, y, by)
@@ -306,7 +306,7 @@ class _Pen:
 
 
 def _by(element: Element) -> str | None:
-    """By what a soft stop pushes."""
+    """Symbol of a soft stop, "spring" or "dashpot"; None for other elements."""
     if "presses" not in element.doing:
         return None
     return "spring" if any(regime.stiffness for regime in element.regimes) else "dashpot"

@@ -1,4 +1,4 @@
-"""Time series of impact oscillators, as pages for the browser show them."""
+"""Time series of impact oscillators for pages in the browser."""
 
 from __future__ import annotations
 
@@ -16,11 +16,11 @@ if TYPE_CHECKING:
     from dynkit.systems.impact.impact_map import ImpactMap
 
 PERIODS = 12
-"""Periods of the forcing that are shown of a motion without a period."""
+"""Periods of the forcing that are shown for a motion that is not periodic."""
 
-# An impact this close to the end, relative to it, belongs to the motion that is shown.
+# An impact that is closer than this to the end time, relative to it, is shown.
 _ROUNDING = 1e-6
-# Samples of one period and of a motion, and masses, at most.
+# Largest numbers of samples in one period, of samples of a motion, and of masses.
 _SAMPLES, _MOST_SAMPLES, _MASSES = 120, 600, 24
 
 
@@ -34,9 +34,9 @@ def series_of(
     end: float,
     impacts: Array,
 ) -> Series:
-    """Return the motion until a time, with its impacts; `phase` is that of the forcing at time 0.
+    """Return the motion up to the time `end`, with its impacts; `phase` is the phase at time 0.
 
-    Velocities jump at impacts, so that there are two samples at each.
+    Velocities jump at impacts; therefore there are two samples at each impact.
     """
     turns = end * system.frequency / (2.0 * math.pi)
     count = int(np.clip(math.ceil(_SAMPLES * turns), _SAMPLES, _MOST_SAMPLES)) + 1

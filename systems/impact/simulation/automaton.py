@@ -40,7 +40,7 @@ from dynkit.systems.impact.simulation.regimes import Parts
 from dynkit.systems.impact.simulation.scraping import packed, scrapes_of, stopping
 
 MOST_NUMBERS = 1 << 25
-"""Limit on the numbers in all changes of basis between modes: 256 MB."""
+"""Largest total size of the changes of basis between modes, in doubles: 256 MB."""
 
 
 class Grip(NamedTuple):
@@ -49,7 +49,7 @@ class Grip(NamedTuple):
     Attributes
     ----------
     mode : Mode
-    to_stuck, to_free : changes of basis from free flight, without the relative velocity, and back
+    to_stuck, to_free : changes of basis from free flight (the gap's rate becomes zero), and back
     """
 
     mode: Mode
@@ -59,17 +59,17 @@ class Grip(NamedTuple):
 
 @final
 class Automaton(JoinedModes):
-    """The modes of structures that are linear in each, as kernel tables.
+    """The linear modes of an oscillator with quadratic energies, as kernel tables.
 
     Attributes
     ----------
     table : (guards, 4)
         For each guard: its mode, its element, the next mode, and the kind of the event.
     beside : int or None
-        Number of elements besides the first one. None for a hard stop alone whose restitution is a
-        number, for which the kernels are smaller.
+        Number of elements besides the first one. None if the only element is a hard stop whose
+        restitution is a number; then the kernels are smaller.
     start : tuple or None
-        Numbers of the default start of the oscillators that share this automaton, once known.
+        Numbers of the default start of the oscillators that share this automaton, once computed.
     """
 
     def __init__(
@@ -97,7 +97,7 @@ class Automaton(JoinedModes):
         self._number((0,) * len(self._elements))
 
     def _begin(self) -> None:
-        """Forget all modes, and what was made of them."""
+        """Remove all modes, guards and tables."""
         self._ladders, self._stacked_modes = LadderStack(), 0
         self._stack, self._of_guards = Stack(), Stack()
         self._slots = 0
@@ -112,10 +112,10 @@ class Automaton(JoinedModes):
         self._grips: dict[int, Grip] = {}
 
     def turned(self, excitation: Excitation) -> Automaton:
-        """The automaton at another frequency, for hard stops of a structure without other forces.
+        """The automaton, which has hard stops only, at another frequency.
 
-        Only its first mode is entered. Of that mode's tables, only those of its sums depend on the
-        frequency: the others are shared.
+        Only its first mode is built. If the structure has no steady response to the forcing, only
+        the exponential sums in this mode's tables depend on the frequency; other tables are shared.
         """
         first, frequency = self._first, excitation.frequency
         if frequency == self._excitation.frequency:
@@ -141,7 +141,7 @@ class Automaton(JoinedModes):
         return self.guards[self.guard(self._number(regimes), element)].sum
 
     def held(self, element: int) -> Grip:
-        """Contact with one element while all others are in their first regime."""
+        """Contact with one stop while all other elements are in their first regime."""
         if element not in self._grips:
             regimes = self.parts.settled([int(k == element) for k in range(len(self._elements))])
             mode, free = self.mode(regimes), self.modes[0]
@@ -150,7 +150,7 @@ class Automaton(JoinedModes):
         return self._grips[element]
 
     def freed(self, number: int, state: Array) -> tuple[Array, list[int]]:
-        """A state (2, slots) of a mode in the basis of the first mode, and the holding elements."""
+        """A state (2, slots) of a mode in the basis of the first mode; `Parts.holding` elements."""
         mode = self.modes[number]
         states = state[None, :, : mode.layout.slots]
         return transformed(self.modes[0].seen_from(mode), states)[0], self.parts.holding(
@@ -158,12 +158,13 @@ class Automaton(JoinedModes):
         )
 
     def enter(self, number: int) -> None:
-        """Build the next mode of a guard, unless a motion has entered it."""
+        """Build the next mode of a guard if no motion has entered it."""
         with self._lock:
             guard = self.guards[number]
             target = self._number(self._after(guard))
             for g in (guard, *(g for g in self.guards if g.mode == target)):
-                # no mode follows where stops jam; only a start rests, or opens what is not open
+                # JAM has no next mode. Only a start enters the mode of a REST guard, or contact
+                # with a stop on which an impact would first open another stop.
                 ahead = g.opens < 0 and g.watch.event != REST
                 loose = g.watch.event != JAM and (g is guard or ahead)
                 if g.partner < 0 and loose and self._after(g) in self.regimes:
@@ -181,7 +182,7 @@ class Automaton(JoinedModes):
             return self._tables
 
     def rest_terms(self) -> Array:
-        """Sum (guards,) of the absolute terms of the offset of each guard's exponential sum."""
+        """Sum (guards,) of the absolute terms of the constant term of each guard."""
         own, s = self.modes[0].forced.rest_terms, self._structure
         along = [abs(element.row(s.size)) for element in self._elements]
         gaps, forces = [r @ own for r in along], [r @ abs(s.stiffness) @ own for r in along]
@@ -250,7 +251,7 @@ class Automaton(JoinedModes):
             self.guards.append(guard)
 
     def _join(self, guard: Guard) -> None:
-        """Set the change of the state at the zero of a guard."""
+        """Set the next mode of a guard, and the change of the state at the guard's zero."""
         one, guard.target = self.modes[guard.mode], self._number(self._after(guard))
         guard.partner = self.guard(guard.target, guard.element)
         rests = guard.watch.event in (IMPACT, REST)
@@ -265,7 +266,7 @@ class Automaton(JoinedModes):
         halts = guard.watch.event == HALT or guard.element in self.parts.sliders
         halts = halts or guard.element in self.parts.normal
         for k in (k for k in sticking if (rests if k in before else halts)):
-            # The rate is exactly that of the surface.
+            # The rate of a sticking element is exactly that of its surface.
             layout = self.modes[guard.target].layout
             own = layout.modes[sticking.index(k) - len(sticking)]
             guard.change[layout.slots + own] = 0.0
@@ -297,7 +298,7 @@ class Automaton(JoinedModes):
         slots = ladders.step.shape[3]
         joined = [k for k, guard in enumerate(guards) if guard.change is not None]
         changes = [guards[k].change for k in joined]
-        # Sliders along one row lead to the same mode by the same change, which is kept once.
+        # Sliders along one row lead to the same mode by the same change, which is stored once.
         if len(set(map(id, changes))) * 2 * slots * (2 * slots + 1) > MOST_NUMBERS:
             raise MemoryError(
                 f"elements must not lead to more modes than fit into 256 MB; got {len(modes)}, "
@@ -334,7 +335,7 @@ class Automaton(JoinedModes):
         )
 
     def _constants(self, guard: Guard) -> dict[str, Any]:
-        """Return the constant data of a guard, by their names in the tables."""
+        """Return the data of a guard, by their names in `Tables`."""
         mode, element, watch = self.modes[guard.mode], self._elements[guard.element], guard.watch
         slots = mode.layout.slots
         kick, excursion = np.zeros((4, slots)), np.zeros((2, slots))
@@ -398,7 +399,7 @@ class Automaton(JoinedModes):
 
 
 def _torn(watch: Watch, hard: bool) -> int:
-    """Code of the next guard's leading Taylor coefficients if a force is too large at once."""
+    """The entry ``torn`` of a guard in `Tables`."""
     return 0 if not watch.force else (2 if hard else 3) if watch.order == RELEASED else 1
 
 

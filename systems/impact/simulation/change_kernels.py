@@ -68,12 +68,12 @@ from dynkit.systems.impact.simulation.log_kernels import Impacts, Switches, ente
 from dynkit.systems.impact.simulation.scrape_kernels import scrapes_out
 
 JUMPS, RESTS, LEAVES = range(3)
-"""What may happen: a guard is negative at once; a stop that has bounced comes to rest; the guard of
-another mode is zero."""
+"""Kinds of changes: a guard is negative just after an event; the mass comes to rest on a stop that
+it has just hit; a flight has reached the zero of a guard that leads to another mode."""
 
 NOTHING, CHANGED, NOT_ENTERED, COUNTED = range(4)
-"""What came of it: nothing; another mode, or a bounce that does not come to rest; the mode that
-guard WANTED leads to has not been entered; another mode, at the section."""
+"""Results of `change`: nothing changed; another mode, or a bounce that does not come to rest; the
+mode behind guard WANTED has not been built; another mode, at the section."""
 
 
 @kernel()
@@ -87,7 +87,7 @@ def _jumps(
     switches: Switches,
     work: Workspace,
 ) -> int:
-    """Enter the mode of a guard that is negative at once, if any."""
+    """Enter the mode of a guard that is negative at the start state, if there is one."""
     y = work.states
     m = tables.ladders.integers[g, GROUP]
     changed = jumped(tables, g, left, y, band_factor)
@@ -104,7 +104,7 @@ def _jumps(
     appear(tables, m, tables.target[changed], left)
     if beside is not None:
         try_again(tables, there, left, y, band_factor)
-    # By a force that jumped the gap has an acceleration at once, or its rate a rate.
+    # If a force exceeded its limit, the gap starts with an acceleration, or the slip with a rate.
     own = left[tables.element[changed]]
     if own[MOTION] == STILL:
         own[MOTION] = FLIGHT
@@ -141,7 +141,7 @@ def _rests(
     work: Workspace,
     waits: Array,
 ) -> int:
-    """Decide whether the element of guard `k`, which has bounced, comes to rest; enter contact."""
+    """Decide whether the mass comes to rest on the stop of guard `k`; if so, enter contact."""
     y = work.states
     gap: Ladder = ladder_at(tables.ladders, k)
     m = tables.ladders.integers[k, GROUP]
@@ -173,11 +173,11 @@ def _rests(
                 sticks, moved = scrapes_out(tables, k, r, u, second, left, y)
                 lost += moved / tables.coupling[k]
     else:
-        if beside is not None:  # friction decides only what contact leaves to it
+        if beside is not None:  # friction is decided only after contact has begun
             loose = undecided(tables, k, left)
         order = 0 if loose else order_at_rest(gap, y, band_factor)
         if order > 0 and stays_in_band(gap, y, START, tables.tolerance):
-            # It would never leave the table by more: all that moves is rounding.
+            # The gap would never exceed the tolerance: it moves by rounding errors only.
             order = 0
         sticks = order <= 0
     held = tables.partner[k]
@@ -187,13 +187,13 @@ def _rests(
             return NOT_ENTERED
         transform(tables.change[tables.row[k]], y, START, 0)
         if not loose and sign_of(ladder_at(tables.ladders, held), y, 0, 0, band_factor) < 0:
-            # What rounding hid in flight is clear on the table: it does not hold the mass.
+            # The sign that rounding hid in flight is clear in contact: the force is tensile.
             if u == 0.0:
                 if tables.partner[held] >= 0 and tables.target[held] == m:
                     transform(tables.change[tables.row[held]], y, 0, START)
                     normalise(y, gap.steady)
                     order = order_at_rest(gap, y, band_factor)
-                else:  # friction would hold the mass, but has just let it go
+                else:  # after contact friction would hold the mass, but has just released it
                     order = 3 * sign_of(gap, y, START, 3, band_factor)
             sticks = order <= 0
             if scraping and not sticks:
@@ -202,7 +202,7 @@ def _rests(
     own[ORDER] = order
     if sticks:
         if u > 0.0:
-            # Largest change of a position or velocity, to first order.
+            # Largest change of a position or velocity by the omitted bounces, to first order.
             clock[CHATTER_ERROR] += tables.coupling[k] * lost
             if noise > 0.0:
                 perturb_cut(tables.excursion[k], lost, y, clock)
@@ -235,7 +235,7 @@ def _leaves(
     switches: Switches,
     work: Workspace,
 ) -> int:
-    """Enter the mode that guard `best` leads to, where it is zero in the found state."""
+    """Enter the mode that guard `best` leads to; the guard is zero in the found state."""
     y = work.states
     ladders = tables.ladders
     m = ladders.integers[best, GROUP]
@@ -255,7 +255,7 @@ def _leaves(
         perturb_reached(after.generator, slots, y, clock, noise)
     move_on(clock, left, tables.element[best], n, ladders.smallest[m], e, tables.clock_rate)
     clock[LEFT_FROM] = -1.0
-    # Others that switched at the same time do so in another mode.
+    # Other elements that switched at the same time are updated to the new mode.
     appear(tables, m, target, left)
     if beside is not None:
         try_again(tables, tables.partner[best], left, y, band_factor)
@@ -265,7 +265,7 @@ def _leaves(
     if beside is not None and tables.order[best] == 1:
         own[SPEED] = value_and_rates(after.rows, after.offset, y, START)[1]
     enter(best, tables.partner[best], clock, 0.0, 0.0, y, switches)
-    # Friction that slips and halts at the same time, as others slip, has halted once.
+    # Friction that halts again at the same time, because other friction slips, counts once.
     since = clock[TIME] - clock[MARKED]
     at_once = since <= AT_THE_SAME_TIME * EPSILON * clock[TIME]
     if beside is not None and tables.marks[best] and not at_once:
@@ -295,9 +295,10 @@ def change(
     work: Workspace,
     waits: Array,
 ) -> int:
-    """Change the mode, if it changes, at guard `k`, in place of all that `run` is given.
+    """Change the mode at guard `k`, or decide that it stays; the arguments are those of `run`.
 
-    `n` smallest steps and a time `e` have passed where it LEAVES, and `done` impacts.
+    `what` is JUMPS, RESTS or LEAVES. For LEAVES, the flight has lasted `n` smallest steps and a
+    time `e`. `done` is the number of impacts so far. Arrays are modified in place.
     """
     if what == JUMPS:
         return _jumps(k, tables, clock, left, beside, band_factor, switches, work)

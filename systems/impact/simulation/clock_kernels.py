@@ -1,4 +1,4 @@
-"""Kernels of the clock of a run, the scalar part of its state, and of disturbances for errors."""
+"""Kernels of the clock (the scalars of a run's state), and of disturbances for error estimates."""
 
 from __future__ import annotations
 
@@ -43,30 +43,36 @@ Indices = NDArray[np.intp]
     MARKED,
 ) = range(19)
 CLOCK = 19
-"""Numbers of a clock; above, the places of them. At the time MARKED an undriven motion was on its
-section."""
+"""Length of the array `clock`. The names above are its indices. At index MARKED is the last time at
+which an undriven motion was on its section."""
 
 MOTION, ORDER, SPEED, GAP, AT_LIMIT = range(5)
-"""Of each element, how it begins the flight: see `FLIGHT`; how many leading Taylor coefficients of
-its first guard vanish; the rate of its gap where that is one; its gap, where that is known to more
-digits than the state has, else zero; and where a slider sticks exactly at its limit 1 or -1, for
-the forward and the backward one, or twice that while nothing moves it. Zero elsewhere."""
+"""Columns of `left`, one row for each element. MOTION: how the element begins the flight, one of
+`FLIGHT` to `STILL`. ORDER: number of leading Taylor coefficients of its first guard that vanish.
+SPEED: rate of its gap if ORDER is one. GAP: its gap if that is known to more digits than the state
+has, else zero. AT_LIMIT: 1 or -1 if a slider sticks exactly at its forward or backward limit, twice
+that while nothing moves it over its surface, else zero."""
 
 BEGIN = 5
-"""Numbers of each element; above, the places of them."""
+"""Number of columns of `left`."""
 
 AT_THE_SAME_TIME = 64.0
-"""So many times their rounding events of different elements may be apart, and a gap may be off zero
-where another one is zero: errors of both accumulate."""
+"""Events of different elements count as simultaneous if their times differ by less than this many
+rounding errors, or if a gap is within this many rounding bands of zero while another one is zero:
+the errors of both accumulate."""
 
 FLIGHT, BOUNCED, SWITCHED, BOUNCES, STILL = range(5)
-"""Gap open; just after an impact (u >= 0), which may come to rest; just after a switch; just after
-an impact, and it does not come to rest. Of friction: an impact has stopped it, but for rounding."""
+"""Values of MOTION: in flight; just after an impact (u >= 0), after which the mass may come to
+rest; just after a switch; just after an impact, and the mass does not come to rest; friction whose
+slip an impact has stopped, to rounding."""
 
 
 @kernel()
 def advance_clock(clock: Array, n: int, smallest: float, e: float, rate: float) -> None:
-    """Add ``n * smallest + e`` to the time, in double-double; turn the phase; note the longest."""
+    """Add the wait ``n * smallest + e`` to the time, in double-double, and advance the phase.
+
+    Also updates the longest wait, and the remaining time of the period.
+    """
     clock[LONGEST] = max(clock[LONGEST], n * smallest + e)
     clock[REMAINING] = max(clock[REMAINING] - (n * smallest + e), 0.0)
     # The smallest step is a power of two: the first product is exact.
@@ -79,8 +85,8 @@ def advance_clock(clock: Array, n: int, smallest: float, e: float, rate: float) 
     clock[TIME_LOW] -= total - clock[TIME]
     clock[TIME] = total
     if rate > 0.0:
-        # Of the wait alone: a run that goes on from another one gives the same bits. In
-        # double-double: many turns would cost as many digits.
+        # The angle depends on this wait alone, so that a continued run gives the same bits. It is
+        # in double-double: in an angle of many turns a double has fewer digits of the phase.
         wait = n * smallest + e
         angle, low = two_product(rate, wait)
         low += rate * ((n * smallest - wait) + e)
@@ -97,10 +103,11 @@ def advance_clock(clock: Array, n: int, smallest: float, e: float, rate: float) 
 def move_on(
     clock: Array, left: Array, own: int, n: int, smallest: float, e: float, rate: float
 ) -> None:
-    """`advance_clock`; where more time than its rounding has passed, all but one are in flight.
+    """`advance_clock`; all elements but `own` are then in flight if the wait exceeds its rounding.
 
-    Low bounces last less, but their gaps are known to more digits than the state has: a stop that
-    has bounced is in flight after any time, and all others where its own bounce is over.
+    Low bounces may last less than this rounding, but their gaps are known to more digits than the
+    state has. Therefore a stop that was just hit is in flight after any time, and so are all other
+    elements if the bounce of `own` is over.
     """
     time, low = clock[TIME], clock[TIME_LOW]
     later = n * smallest + e > AT_THE_SAME_TIME * EPSILON * time
@@ -120,7 +127,7 @@ def move_on(
 
 @kernel()
 def normalise(states: Array, slot: int) -> None:
-    """Sine and cosine of the table in the start state back to the unit circle."""
+    """Scale the sine and cosine of the table in the start state back to the unit circle."""
     if slot < 0:
         return
     s = states[START, 0, slot]
@@ -132,7 +139,7 @@ def normalise(states: Array, slot: int) -> None:
 
 @kernel()
 def begin_period(slot: int, states: Array, clock: Array, period: float) -> None:
-    """The phase of the start state is zero, but for rounding: now it is."""
+    """Begin a period: set the phase of the start state, which is zero to rounding, to zero."""
     clock[REMAINING] = period
     clock[SINE], clock[COSINE] = 0.0, 1.0
     if slot >= 0:
@@ -154,7 +161,7 @@ def perturb(
 ) -> None:
     """Change all numbers by noise * xi of themselves, xi pseudo-random in [-1, 1].
 
-    Among them the rate of a gap, which is in a row (4,) of `left`.
+    This includes the rate of a gap, in a row (BEGIN,) of `left`.
     """
     for m in range(slots.shape[0]):
         for row in range(2):
@@ -169,18 +176,19 @@ def perturb(
 def perturb_reached(
     generator: Array, slots: Indices, states: Array, clock: Array, noise: float
 ) -> None:
-    """Change all numbers by noise / 32 * xi of what they become in the flight that begins.
+    """Change all numbers by noise / 32 * xi of the size that they reach in the flight that begins.
 
-    A velocity v makes a displacement of |v| t, t = 1 / max(omega, 2 zeta omega) or the longest
-    flight, whichever is shorter; a displacement x makes a velocity of omega^2 |x| t. Where these
-    are small again at the end of the flight, they keep the rounding of a step between: with a noise
-    of 8 * 2^-52 a quarter of a last digit.
+    A velocity v leads to a displacement of |v| t, where t = 1 / max(omega, 2 zeta omega) or the
+    longest flight, whichever is shorter. A displacement x leads to a velocity of omega^2 |x| t. If
+    these are small again at the end of the flight, they keep the rounding errors of the larger
+    values in between. With a noise of 8 * 2^-52 the disturbance is a quarter of the last digit.
     """
-    # An estimate is at least four times the largest distance of three twins. The largest of three
-    # xi is 3/4 on average: that makes 3/4 of a last digit; a rounding is half of one at most. Of
-    # 8988 impacts of tests/validation no error exceeds its estimate, with this disturbance or not.
+    # An error estimate is at least four times the largest distance to three disturbed runs. The
+    # largest of three |xi| is 3/4 on average: this gives 3/4 of a last digit, and a rounding error
+    # is at most half of one. For none of 8988 impacts in tests/validation does the error exceed its
+    # estimate, with or without this disturbance.
     seed = clock[SEED]
-    clock[SEED] = float(0x7FFFFFFF) - seed  # draws of its own: those of other disturbances stay
+    clock[SEED] = float(0x7FFFFFFF) - seed  # another seed: other disturbances do not change
     for m in range(slots.shape[0]):
         slot = slots[m]
         a = abs(states[START, 0, slot])
@@ -204,7 +212,7 @@ def perturb_released(
     left: Array,
     noise: float,
 ) -> None:
-    """As `perturb` with noise, with the terms that the change of basis summed up."""
+    """As `perturb`; also disturbs by the constant terms of the change of basis to this mode."""
     width = states.shape[2]
     for m in range(slots.shape[0]):
         for row in range(2):
@@ -215,7 +223,10 @@ def perturb_released(
 
 @kernel()
 def perturb_cut(excursion: Array, lost: float, states: Array, clock: Array) -> None:
-    """Add what a cut chatter drops, or take it away: which is pseudo-random, the size is not."""
+    """Add the effect of omitted bounces to the state, or subtract it, pseudo-randomly.
+
+    `lost` is the time integral of the gap over these bounces.
+    """
     change = math.copysign(lost, random(clock))
     for row in range(2):
         for i in range(states.shape[2]):
@@ -224,7 +235,11 @@ def perturb_cut(excursion: Array, lost: float, states: Array, clock: Array) -> N
 
 @kernel()
 def _perturb_touch(gap: Ladder, band_factor: float, states: Array, clock: Array) -> float:
-    """Move a touch, in the found state, by what the rounding band leaves open; the new rate."""
+    """Shift a touch (a double root) pseudo-randomly in time, and return the gap's new rate.
+
+    The shift is at most the time for which the gap stays in its rounding band. The found state is
+    modified in place.
+    """
     second, third, _, reach = start_sums(gap.rows, states, FOUND)
     band = band_factor * EPSILON * (reach + abs(gap.offset))
     longest = gap.smallest
@@ -251,7 +266,7 @@ def disturb(
     noise: float,
     band_factor: float,
 ) -> float:
-    """Disturb a touch, and return the rate there, or the state just after an event."""
+    """Disturb a touch and return the gap's rate, or disturb the state after an event (return 0)."""
     if touches:
         return _perturb_touch(gap, band_factor, states, clock)
     perturb(slots, gap.steady, states, clock, left, noise)

@@ -1,4 +1,4 @@
-"""Kernels of contact: whether it begins, and what it leaves out of a chatter."""
+"""Kernels of contact: whether it begins, and the duration and error of the omitted bounces."""
 
 from __future__ import annotations
 
@@ -16,64 +16,68 @@ from dynkit.exponential.stack_kernels import Ladders
 Indices = NDArray[np.intp]
 
 SMALLEST = 1e-100
-"""Relative velocity below which a chatter is over, whatever is tolerated: cubes of it vanish."""
+"""Relative velocity below which a chatter is over, for any tolerance: its cube is negligible."""
 
 PLACE = 1000.0
-"""So many times the tolerance the place of the contact mass may be off in the bounces that are left
-out, where it follows parabolas: nothing else follows from it."""
+"""Largest error of the contact mass's position in omitted bounces, in units of the tolerance. These
+positions, which follow parabolas, are only sampled: no other result depends on them."""
 
 
 _SOON = 64.0
-"""The smallest step of a gap is at least so many times longer than what is soon."""
+"""The smallest step of a gap must be this many times longer than `soon` in `order_at_rest`."""
 
 
 class Tables(NamedTuple):
-    """Linear modes, their guards, and what happens where a guard is zero.
+    """Linear modes, their guards, and the events at the zeros of guards.
 
-    A guard is an exponential sum that ends a flight in its mode; those of a mode follow each other.
+    A guard is an exponential sum that ends a flight in its mode. The guards of a mode are adjacent.
 
     Attributes
     ----------
-    ladders : the guards; a group of them is a mode
+    ladders : the guards; those of one mode are a group
     first : (modes + 1,) the first guard of each mode
     slots, counts : (modes, N) and (modes,) slots of the coordinates of each mode, and their number
-    regimes : (modes, elements) their regimes
-    slides : (modes, elements) 1 or -1 for sliders that slide forward or backward, `RIDES` for those
-        that stick to what does not move over their surfaces
-    element : (guards,) what it belongs to
-    event : (guards,) what happens, IMPACT, SWITCH or JAM
-    target, partner : (guards,) the mode that it leads to, for an impact that of contact, and the
-        guard of the same element there; -1 where it has not been entered
-    order : (guards,) how many leading Taylor coefficients of the partner vanish after a switch
-    torn : (guards,) the same where the guard is negative at once: 1 or 2 of forces, 0 of others; 3
-        for 2 of a soft stop, which has no bounces
-    change : (k, 2 slots, 2 slots + 1) from the state (and 1) to that in the other mode
-    row : (guards,) which of these is that of each guard whose mode has been entered
-    kick : (guards, 4, slots) change of the state by a unit jump of the guard's rate, then the low
-        parts of the same
+    regimes : (modes, elements) regimes of the elements in each mode
+    slides : (modes, elements) 1 or -1 for a slider that slides forward or backward; `RIDES` for one
+        that sticks while the coordinate that it follows does not move over its surface
+    element : (guards,) element of each guard
+    event : (guards,) kind of the event at the zero of the guard, from IMPACT to REST
+    target, partner : (guards,) the mode that follows (for an impact, that of contact), and the
+        first guard of the same element there; -1 if that mode has not been entered
+    order : (guards,) number of leading Taylor coefficients of the partner that vanish after a
+        switch
+    torn : (guards,) the same number if the guard is negative just after an event: 1 or 2 for a
+        force, 0 for another guard; 3 stands for 2 of a soft stop, which has no bounces
+    change : (k, 2 slots, 2 slots + 1) affine changes of basis, from the state and 1 to the state in
+        the other mode
+    row : (guards,) index into `change` for each guard whose next mode has been entered
+    kick : (guards, 4, slots) change of the state by a unit jump of the guard's rate, then its low
+        parts
     excursion : (guards, 2, slots) change of the state by a brief excursion of the contact
-        coordinate, over its time integral
+        coordinate, divided by the time integral of the excursion
     coupling : (guards,) largest such change of a position or velocity
-    restitution : (guards,) coefficient of restitution, where that is a number
-    law : (guards,) number of the impact law; -1 where the restitution is a number
+    restitution : (guards,) coefficient of restitution, if it is a number
+    law : (guards,) number of the impact law; -1 if the restitution is a number
     codes, numbers, tails : (laws,), (laws, k) and (laws, 5), see `law_kernels`
-    drop, hold : (guards,) by how much the gap's acceleration falls where its rate becomes negative,
-        as friction turns, and which acceleration this friction can hold
-    opens : (guards,) guard of a closed stop from which an impact pulls away; -1 where there is none
-    ambiguous : (guards,) whether an impact pushes against a closed stop
-    coupled : (guards, elements) whether an impact changes the rate of their gaps
-    rubbed : (guards, elements) whether they are friction that rests where this stop is closed
-    marks : (guards,) whether the section is there, where nothing drives the machine or is hit
-    scraped : (guards, frictions, 3) of friction at the contact by how much an impact may change its
-        slip velocity, over the change of the gap's rate; that velocity without the state; its
-        element
-    scrape : (guards, frictions, 8, slots) rows, two each, of the slip velocity and of its rate;
-        change of the state by a unit jump of it, then the low parts of the same
-    tolerance : largest error of the state by which the rest of a chatter is replaced by contact
-        (see `PLACE` for the contact coordinate before it)
-    period : after which the state is written down where nothing impacts; 0 where stops are hit, or
-        nothing drives
-    clock_rate : rate of the phase where no slot holds it, and the clock does; 0 elsewhere
+    drop, hold : (guards,) decrease of the gap's acceleration when friction along its row reverses
+        at the top of a bounce, and the largest acceleration that this friction can hold
+    opens : (guards,) guard of a closed stop that an impact opens, or of a sticking element that it
+        moves; -1 if there is none
+    ambiguous : (guards,) whether an impact pushes against a closed stop, or friction leaves its
+        outcome open
+    coupled : (guards, elements) whether an impact changes the rate of the element's gap
+    rubbed : (guards, elements) whether the element is friction that rests while this stop is closed
+    marks : (guards,) whether the zero of the guard is the section of an undriven machine
+    scraped : (guards, frictions, 3) for friction at the contact: the largest change of its slip
+        velocity by an impact, divided by the change of the gap's rate; the constant term of the
+        slip velocity; the number of its element
+    scrape : (guards, frictions, 8, slots) two rows each of the slip velocity and of its rate; the
+        change of the state by a unit jump of the slip velocity; the low parts of this change
+    tolerance : largest error of the state when contact replaces the rest of a chatter (see `PLACE`
+        for the contact coordinate in the replaced bounces)
+    period : period of the stroboscopic section; 0 if stops are hit, or if nothing drives the
+        machine
+    clock_rate : rate of the phase if the clock holds it; 0 if a slot of the states holds it
     """
 
     ladders: Ladders
@@ -125,9 +129,10 @@ def transform(matrix: Array, states: Array, k: int, to: int) -> None:
 
 @kernel(entry=True)
 def falling(restitution: float, second: float, drop: float) -> tuple[float, float]:
-    """Restitution and acceleration of bounces without friction that last as long, to leading order.
+    """Restitution and acceleration of frictionless bounces of the same duration, to leading order.
 
-    As parabolas: friction slows what rises by a_up, and what falls is accelerated by a_up - drop.
+    Flights are parabolas. With a_up = -`second`, the contact mass is decelerated by a_up on its way
+    up, and accelerated by a_up - `drop` on its way down, since friction reverses.
     """
     if drop == 0.0:
         return restitution, -second
@@ -151,15 +156,17 @@ def chatter_completes(
 ) -> bool:
     """Whether the bounces from relative velocity `u` on must accumulate before contact can be lost.
 
-    With contact acceleration a = -f'' the rest lasts T = 2u/(a(1 - r)); a varies by less than a(1 -
-    r)/4 over 2T. The bound of f^(4) holds for the time `gap.window`. And whether they may be
-    left out. Friction must not hold in the air what it stops.
+    They must also be negligible: their effect `error` on the state is at most the tolerance.
+
+    With the contact acceleration a = -f'' the bounces last T = 2u/(a(1 - r)); a must vary by less
+    than a(1 - r)/4 over 2T. The bound of f^(4) holds for the time `gap.window`. Friction that stops
+    the contact mass at the top of a bounce must not hold it there.
     """
     least = -second - drop
     if least <= 0.0 or restitution >= 1.0 or error > tolerance:
         return False
     if tolerance == 0.0 and u > SMALLEST:
-        return False  # under constant forces the error is zero, too
+        return False  # no bounces are omitted, even if constant forces make their error zero
     r, a = falling(restitution, second, drop)
     rest = 4.0 * u / (a * (1.0 - r))
     if rest > gap.window:
@@ -174,23 +181,24 @@ def chatter_completes(
     most = PLACE * tolerance
     place = place_error(gap, kick, u, rest, second, third)
     if drop > 0.0:
-        place += 0.5 * u * u / least  # they are drawn as if friction did not turn
+        place += 0.5 * u * u / least  # sampled bounces ignore the reversal of friction
     return most == 0.0 or place <= most
 
 
 @kernel()
 def order_at_rest(gap: Ladder, states: Array, band_factor: float) -> int:
-    """Of the gap's second and third derivative the first that rounding does not hide.
+    """Order, 2 or 3, of the first derivative of the gap that rounding does not hide.
 
-    Its order, negative where the gap would close; 0 where both are hidden. The gap and its rate are
-    zero.
+    The gap and its rate are zero. The order is negative if the gap would close, and 0 if rounding
+    hides both derivatives.
     """
     signs = sign_of(gap, states, START, 2, band_factor), sign_of(gap, states, START, 3, band_factor)
     if signs[0] * signs[1] < 0:
-        # The rounding of positions is in the second derivative, too, also where these cancel.
+        # Rounding errors of positions are in the second derivative, too, even if the terms of the
+        # positions cancel there.
         second, third, _, reach = start_sums(gap.rows, states, START)
         band = band_factor * EPSILON * (reach + abs(gap.offset))
-        soon = (6.0 * band / abs(third)) ** (1.0 / 3.0)  # the third one exceeds the band from here
+        soon = (6.0 * band / abs(third)) ** (1.0 / 3.0)  # then the cubic term exceeds the band
         least = min(2.0 * band / (soon * soon), band / (gap.smallest * gap.smallest))
         if _SOON * soon < gap.smallest and abs(second) < least:
             return 3 * signs[1]
@@ -199,7 +207,7 @@ def order_at_rest(gap: Ladder, states: Array, band_factor: float) -> int:
 
 @kernel()
 def sign_of(guard: Ladder, states: Array, k: int, order: int, band_factor: float) -> int:
-    """The sign of a guard, or of its derivative of order 1 to 3; 0 where rounding hides it."""
+    """The sign of a guard, or of its derivative of order 1 to 3; 0 if rounding hides it."""
     total = guard.offset if order == 0 else 0.0
     size = abs(total)
     for i in range(guard.rows.shape[1]):
@@ -214,7 +222,7 @@ def sign_of(guard: Ladder, states: Array, k: int, order: int, band_factor: float
 
 @kernel()
 def drag(gap: Ladder, kick: Array) -> float:
-    """What a unit of velocity adds to the contact acceleration."""
+    """Change of the contact acceleration -f'' by a unit jump of the gap's rate."""
     rows = gap.rows
     c = 0.0
     for i in range(rows.shape[1]):
@@ -226,10 +234,10 @@ def drag(gap: Ladder, kick: Array) -> float:
 def place_error(
     gap: Ladder, kick: Array, u: float, rest: float, second: float, third: float
 ) -> float:
-    """Bound of the gap's error, to leading order, where the bounces are drawn as parabolas.
+    """Bound of the gap's error, to leading order, if the bounces are sampled as parabolas.
 
-    In flight D'' = -a - b s - c D'; b/a and c shift the bounces by up to a twelfth and a twentieth
-    of themselves times T^2, T their duration, at any restitution. `rest` is 2T.
+    In flight the gap obeys D'' = -a - b s - c D'. The terms with b and c shift the bounces by up to
+    (b/a) u T^2/12 and c u T^2/20 at any restitution, where T is their duration. `rest` is 2T.
     """
     c = drag(gap, kick)
     return 0.025 * u * rest * rest * (abs(c + third / second) + abs(c))
@@ -239,11 +247,12 @@ def place_error(
 def bounce_terms(
     c: float, drop: float, u: float, second: float, third: float
 ) -> tuple[float, float, float, float, float, float, float, float]:
-    """Of bounces from relative velocity `u` on their terms to second order; s, a and b.
+    """Second-order coefficients of bounces from velocity `u` on: once, p, q, v, w; then s, a, b.
 
-    The drag is c. In flight the gap obeys D'' = -a - b t - c D' where it rises, and where it falls
-    with s^2 a in place of a. A bounce that leaves at u, t after the first one, takes (1 + 1/s)/a u
-    + p u^2 + q u t, and arrives at s u (1 + v u + w t).
+    The drag is c. In flight the gap obeys D'' = -a - b t - c D' while it rises, and the same with
+    s^2 a in place of a while it falls. A bounce that leaves with velocity u at time t after the
+    first one lasts once u + p u^2 + q u t, once = (1 + 1/s)/a, and arrives with s u (1 + v u + w
+    t).
     """
     a = -second - c * u
     b = c * a - third
@@ -271,7 +280,7 @@ def chatter_rest(
 
 @kernel()
 def lifted(restitution: float, drop: float, u: float, second: float) -> float:
-    """Time integral of the gap over the bounces from relative velocity `u` on: parabolas."""
+    """Time integral of the gap over the bounces from relative velocity `u` on, as parabolas."""
     if u < SMALLEST or second + drop >= 0.0:
         return 0.0
     r, a = falling(restitution, second, drop)
@@ -280,9 +289,9 @@ def lifted(restitution: float, drop: float, u: float, second: float) -> float:
 
 @kernel()
 def accumulates(tables: Tables, k: int, gap: Ladder, u: float, states: Array) -> tuple[bool, float]:
-    """Whether bounces at guard `k` from velocity `u` on accumulate: `chatter_completes`.
+    """Whether bounces at guard `k` from velocity `u` on accumulate; see `chatter_completes`.
 
-    And the time integral of the gap over them.
+    Then the time integral of the gap over them.
     """
     second, third, fourth, _ = start_sums(gap.rows, states, START)
     r, drop = tables.restitution[k], tables.drop[k]

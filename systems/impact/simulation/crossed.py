@@ -1,4 +1,4 @@
-"""Sections of machines without a hard stop."""
+"""Sections of machines without hard stops."""
 
 from __future__ import annotations
 
@@ -17,20 +17,23 @@ from dynkit.systems.impact.modes.structure import Contact
 @final
 @dataclass(frozen=True)
 class Crossed:
-    """A section of positions and velocities: all of them, or those that it does not fix.
+    """A section whose coordinates are positions and velocities.
 
-    All of them, too, where the element acts along a function of the coordinates.
+    They are all positions and velocities if the machine is driven, or if the element acts along a
+    function of the coordinates. Otherwise the position or velocity that the section fixes is left
+    out.
 
     Attributes
     ----------
     element : Element
-        Element whose events are the section of an undriven machine.
+        Element whose events define the section of an undriven machine.
     contact : Contact or CurvedContact
         Contact of this element.
     halts : bool
-        Whether the slip velocity is zero on the section; else the gap is.
+        Whether the slip velocity is zero on the section; otherwise the gap is zero.
     cycled : bool
-        Whether the machine is undriven. Otherwise the section fixes nothing.
+        Whether the machine is undriven. The section of a driven machine is stroboscopic and fixes
+        no coordinate.
     size : int
         Number of coordinates without sliders.
     """
@@ -43,7 +46,7 @@ class Crossed:
 
     @property
     def kept(self) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
-        """Numbers of the positions and of the velocities that are section coordinates."""
+        """Indices of the positions, and of the velocities, that are section coordinates."""
         everything = np.arange(self.size)
         fixed = self.cycled and not self.element.curved
         others = self.contact.others[: self.size - 1] if fixed else everything
@@ -62,9 +65,9 @@ class Crossed:
             self.contact.put(x[: self.size], self.element.offset)
 
     def put_changes(self, x: Array, v: Array, place: Array, moving: Array) -> None:
-        """Put changes (d, N) of positions and velocities onto the section, at some of these.
+        """Project changes (d, N + J) of positions and velocities onto the section, in place.
 
-        In place, as `put`; of sliders, too.
+        The section is linearised at positions `place` and velocities `moving`.
         """
         if not self.cycled:
             return

@@ -1,4 +1,4 @@
-"""A linear structure with its excitation and its elements: parameters, checked and composed."""
+"""A structure with its excitation and its elements: parameters, checked and composed."""
 
 from __future__ import annotations
 
@@ -55,12 +55,12 @@ from dynkit.systems.structure.modes import Derivation
 
 _OF_STOP = "restitution", "amplitude", "offset", "side"
 OF_TABLE = (*_OF_STOP, "contact", "play")
-"""Parameters of the table; with elements, they are taken from the first `HardStop`."""
+"""Parameters of the table; if there are elements, they are those of the first `HardStop`."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class DrivenStructure(LagrangianStructure):
-    """A structure with its forces and elements; `ImpactOscillator` describes the parameters.
+    """A structure with its forces and elements; see `ImpactOscillator` for the parameters.
 
     Raises
     ------
@@ -126,9 +126,9 @@ class DrivenStructure(LagrangianStructure):
     def dimension(self) -> int:
         """Number of section coordinates: 2N, and one for each slider of a `Jenkins` element.
 
-        One less where the section is an event of an element along a row, as nothing drives the
-        machine. Two more where a hard stop acts along a function of the coordinates: all of them
-        are kept.
+        It is one less for an undriven machine whose section is an event of an element along a row.
+        It is two more if a hard stop acts along a function of the coordinates: then all positions
+        and velocities are kept.
         """
         fixed = self._cycled and not self._framed
         more = 2 * self._bent + len(self._sliders) - fixed
@@ -139,7 +139,7 @@ class DrivenStructure(LagrangianStructure):
     def natural_frequencies(self) -> Array:
         """Natural frequencies of the structure in free flight, undamped, ascending, (N,).
 
-        Where the energies are not quadratic they are those of small oscillations about zero.
+        If the energies are not quadratic, they are those of small oscillations about zero.
         """
         return self.modes.frequencies
 
@@ -148,7 +148,7 @@ class DrivenStructure(LagrangianStructure):
     def modal_matrix(self) -> Array:
         """Mass-normalised modal matrix, (N, N), one mode per column, its last row not negative.
 
-        Where the energies are not quadratic it is that of small oscillations about zero.
+        If the energies are not quadratic, it is that of small oscillations about zero.
         """
         if self._motion is not None:
             return small_oscillations(self.mass, self.stiffness)
@@ -157,10 +157,10 @@ class DrivenStructure(LagrangianStructure):
     @property
     @final
     def engine(self) -> str:
-        """Engine that follows its motions: ``"exponential sums"``, or ``"Taylor"``.
+        """Engine that computes the motions: ``"exponential sums"``, or ``"Taylor"``.
 
-        Quadratic energies have the first one, which is exact to rounding and misses no impact.
-        Energies of any other smooth form have Taylor's method, and so have stops along functions
+        Exponential sums are for quadratic energies; they are exact to rounding and miss no impact.
+        Taylor's method is for energies of any other smooth form, and for elements along functions
         of the coordinates.
 
         Raises
@@ -175,7 +175,7 @@ class DrivenStructure(LagrangianStructure):
 
     @property
     def _motion(self) -> Any:
-        """The equations of motion where the energies are not quadratic, else None."""
+        """The equations of motion for Taylor's method; None for exponential sums."""
         return self._derivation.motion
 
     def _derive(self) -> Derivation:
@@ -188,21 +188,21 @@ class DrivenStructure(LagrangianStructure):
 
     @cached_property
     def _derivation(self) -> Derivation:
-        # elements are no part of what equal structures share
+        # Equal structures share a derivation, but not one that depends on functions of elements.
         if self._curves:
             return derivation_of(watched(self), self.degrees_of_freedom)
         return shared_derivation(self)
 
     @cached_property
     def _curves(self) -> dict[int, CoordinateFunction]:
-        """The functions of coordinates along which elements act, by their numbers."""
+        """Functions of the coordinates along which elements act, by the number of the element."""
         n = self.degrees_of_freedom
         named = ((k, e.coordinate) for k, e in enumerate(self._elements) if e.curved)
         return {k: function_of(watched(self), name, n) for k, name in named}
 
     @cached_property
     def _functions(self) -> tuple[CoordinateFunction | Along, ...]:
-        """The functions of coordinates along which all elements act: most are linear."""
+        """For each element the function along which it acts; a row is a linear function."""
         n, own = self.degrees_of_freedom, self._curves
         return tuple(own.get(k) or Along(e.row(n)) for k, e in enumerate(self._elements))
 
@@ -213,7 +213,7 @@ class DrivenStructure(LagrangianStructure):
 
     @property
     def _framed(self) -> bool:
-        """Whether sections keep coordinates that follow from others."""
+        """Whether some section coordinates are determined by the others."""
         return self._bent or (self._cycled and self._crossed.element.curved)
 
     @cached_property
@@ -232,7 +232,7 @@ class DrivenStructure(LagrangianStructure):
 
     @cached_property
     def _progression(self) -> Progression:
-        """Of whole states, (2N + J,), the directions along which the machine progresses."""
+        """Directions of whole states, (2N + J,), along which the machine may progress."""
         n = self.degrees_of_freedom
         if self._motion is not None:
             rigid, drag = self._motion.shifts(self.frequency)
@@ -246,7 +246,7 @@ class DrivenStructure(LagrangianStructure):
 
     @cached_property
     def _progressions(self) -> list[Progression]:
-        """The same of section coordinates, on each hard stop."""
+        """Directions of progression of the section coordinates, one for each hard stop."""
         n, own = self.degrees_of_freedom, self._progression.shift
         kept = [self._crossed.kept] if self._strobed else [(o, o) for o in self._others]
         places = [np.r_[x, n + v, 2 * n : len(own)] for x, v in kept]
@@ -270,9 +270,9 @@ class DrivenStructure(LagrangianStructure):
 
     @property
     def _others(self) -> list[Any]:
-        """For each stop, the numbers (N - 1,) of the coordinates that its section keeps.
+        """For each stop, the indices (N - 1,) of the coordinates that are section coordinates.
 
-        All N where it acts along a function of the coordinates.
+        All N if a stop acts along a function of the coordinates.
         """
         kept = self.degrees_of_freedom - (not self._bent)
         return [contact.others[:kept] for contact in self._contacts]
@@ -288,16 +288,17 @@ class DrivenStructure(LagrangianStructure):
 
     @cached_property
     def _length(self) -> float:
-        """A length of the machine's own, whatever the unit of length; one if it has none.
+        """A characteristic length of the machine, in its unit of length; one if there is none.
 
-        It is the largest of: places and motions of elements along rows, the way of a belt in a
-        radian, stretches of sliding springs, and what all forces do to springs and inertia at the
-        frequency.
+        It is the largest of these lengths. For each element along a row: offset, amplitude, travel
+        of its belt in one radian of the phase and stretch of its sliding spring, in sum, divided by
+        the largest entry of the row. For each coordinate: the displacement at which its spring and
+        its inertia at the frequency balance the sum of all forces.
         """
         w, given, n = self.frequency, self._excitation, self.degrees_of_freedom
         forces, found = (abs(given.harmonic) + abs(given.constant))[:n], [0.0]
         for element in self._elements:
-            if element.curved:  # what it limits need not be a length
+            if element.curved:  # its function need not be a length
                 continue
             row = abs(element.row(n))
             stretch = max(abs(regime.stretch) for regime in element.regimes)
@@ -326,7 +327,11 @@ class DrivenStructure(LagrangianStructure):
 
     @property
     def _own(self) -> tuple[Element, ...]:
-        """What acts besides a table of one coordinate, in phase, with a number, and its play."""
+        """The elements besides a simple table and its far stop; all if the table is not simple.
+
+        A table is simple if its play's far stop is the only other hard stop, and if it acts on one
+        coordinate, without phase lag, with a number as restitution.
+        """
         plain = all(
             isinstance(stop.coordinate, int)
             and not stop.phase
@@ -337,32 +342,35 @@ class DrivenStructure(LagrangianStructure):
 
     @property
     def _table(self) -> HardStop | None:
-        """The hard stop at which motions are examined, where it limits one coordinate."""
+        """The first hard stop, if it acts on one coordinate; else None."""
         first = self._stops[:1]
         return first[0] if first and isinstance(first[0].coordinate, int) else None
 
     @property
     def _table_alone(self) -> bool:
-        """Whether orbits have closed forms in phases: quadratic energies, and a table alone."""
+        """Whether energies are quadratic and a simple table acts alone, or with play (see `_own`).
+
+        Then the equations of periodic orbits have closed forms in the phases of the impacts.
+        """
         return self._motion is None and not self._own
 
     @property
     def _strobed(self) -> bool:
-        """Whether sections are of positions and velocities: there is no hard stop.
+        """Whether there is no hard stop, so that section coordinates are positions and velocities.
 
-        The section is where a period of the forcing begins, or a cycle.
+        The section is where a period of the forcing begins, or a cycle of an undriven machine.
         """
         return not self._stops
 
     @property
     def _cycled(self) -> bool:
-        """Whether nothing drives it either: then the section is an event of an element."""
+        """Whether there is no hard stop and no forcing, and an element's event is the section."""
         idle = self._strobed and not self._excitation.turns
         return idle and cycled_by(self._elements) is not None
 
     @cached_property
     def _crossed(self) -> Crossed:
-        """The section without hard stops."""
+        """The section of a machine without hard stops."""
         n, k = self.degrees_of_freedom, cycled_by(self._elements) or 0
         contact: Any = CurvedContact(self._functions[k], n)
         if not self._elements[k].curved:
@@ -371,23 +379,26 @@ class DrivenStructure(LagrangianStructure):
 
     @property
     def _several(self) -> bool:
-        """Whether there are several hard stops, and no play."""
+        """Whether there are several hard stops among `elements`, and not a table with play."""
         return bool(self.elements) and len(self._stops) > 1
 
     @property
     def _holding(self) -> int:
-        """Number of elements whose contact or sticking a state stores; 0 for a table alone."""
+        """Number of elements whose contact or sticking a state stores.
+
+        It is 0 if at most one element at a time, a hard stop, may hold.
+        """
         sticky = any(r.sticks or r.holds for element in self._soft for r in element.regimes)
         return len(self._elements) if self._several or sticky else 0
 
     @property
     def _mapped(self) -> bool:
-        """Whether tangent vectors use the derivative of the map in place of faster steps."""
+        """Whether tangent vectors are multiplied by derivatives of the map, not by faster steps."""
         return bool(self._soft) or self._several or self._motion is not None
 
     @property
     def _faces(self) -> bool:
-        """Whether there is a play, whose far stop faces the first one."""
+        """Whether there is a play, with a far stop that faces the table."""
         return not self.elements and len(self._stops) > 1
 
     @property
@@ -414,7 +425,7 @@ class DrivenStructure(LagrangianStructure):
 
     @property
     def _normal(self) -> dict[int, int]:
-        """Number of the hard stop on which friction leans, by the number of that friction."""
+        """Number of the hard stop that is the normal of friction, by the friction's number."""
         named, given = (
             dict(zip(names_of(self.elements), self.elements, strict=True)),
             self._elements,
@@ -427,9 +438,9 @@ class DrivenStructure(LagrangianStructure):
 
     @property
     def _alike(self) -> Automaton:
-        """The automaton of all oscillators that differ in the restitution of the table alone.
+        """The automaton shared by oscillators that differ only in the restitution of the table.
 
-        The structure keeps that of the last frequency, forces and table.
+        The structure stores that of the last forces and table, at the last frequency.
         """
         forces = self.harmonic_forces, self.constant_forces, self.chatter_tolerance
         key = (*forces, self.amplitude, self.offset, self.contact, self.side, self.play)
@@ -462,7 +473,7 @@ class DrivenStructure(LagrangianStructure):
 
 
 def _forces(name: str, given: Any, size: int, kind: type[Any]) -> tuple[Any, ...]:
-    """Forces on all coordinates as a tuple, empty for none."""
+    """Forces on all coordinates as a tuple, which is empty if there are no forces."""
     if isinstance(given, tuple) and not given:
         return given
     unmasked(name, given)

@@ -1,4 +1,4 @@
-"""Kernel of many starts of one machine, until they arrive at known periodic orbits."""
+"""Kernel that simulates many starts of one machine until they arrive at known periodic orbits."""
 
 from __future__ import annotations
 
@@ -35,10 +35,10 @@ class Orbits(NamedTuple):
 
     Attributes
     ----------
-    guard, speed : (p,) guards that the impacts are at, and rates of the gap just after them
-    states : (p, 2, slots) just after them
-    size : (p,) largest number of the states and speeds of its orbit
-    number, period : (p,) number of its orbit, and of the impacts in its period
+    guard, speed : (p,) guards of the impacts, and rates of the gap just after them
+    states : (p, 2, slots) states just after the impacts
+    size : (p,) largest magnitude in the states and speeds of the impact's orbit
+    number, period : (p,) number of the impact's orbit, and number of impacts in its period
     """
 
     guard: Indices
@@ -50,15 +50,15 @@ class Orbits(NamedTuple):
 
 
 class Members(NamedTuple):
-    """Motions in free flight, and what became of each.
+    """Motions that start in free flight, and their results.
 
     Attributes
     ----------
-    states : (n, 2, slots) of the starts
-    turns : (n, 2) sine and cosine of their phases
-    number : (n,) number of the orbit at which each has arrived, else -1
-    counts : (n, 4) impacts, cells, contacts and touches
-    last : the last impact of each that has arrived
+    states : (n, 2, slots) states of the starts
+    turns : (n, 2) sine and cosine of the phases of the starts
+    number : (n,) number of the orbit at which each motion has arrived, else -1
+    counts : (n, 4) numbers of impacts, cells, contacts and touches
+    last : the last impact of each motion that has arrived
     """
 
     states: Array
@@ -70,7 +70,10 @@ class Members(NamedTuple):
 
 @kernel()
 def near_orbit(orbits: Orbits, log: Impacts, row: int, near: float, first: int, last: int) -> int:
-    """The first impact of known orbits, of some, near an impact of a log; -1 if there is none."""
+    """The first orbit impact from `first` to `last` - 1 near impact `row` of a log; -1 if none.
+
+    Near means the same guard, and differences of at most `near` times the orbit's size.
+    """
     for k in range(first, last):
         most = near * orbits.size[k]
         if log.guard[row] != orbits.guard[k] or abs(log.speed[row] - orbits.speed[k]) > most:
@@ -107,19 +110,20 @@ def arrive(
 ) -> int:
     """Simulate members from number `first` on, until each is near an orbit for one period.
 
-    A member is left where it does not arrive within `most` impacts and `pause` cells, where its
-    motion ends, or where it needs a mode that has not been entered.
+    The simulation of a member is given up if it does not arrive within `most` impacts and `pause`
+    cells, if its motion ends, or if it needs a mode that has not been entered.
 
     Parameters
     ----------
     contact
-        (guards,) whether contact begins at the zero of a guard.
+        (guards,) whether contact begins at the zero of each guard.
     near
-        Largest difference of a number from that of an impact of an orbit, relative to its size.
+        Largest distance of a state or speed from that of an orbit's impact, relative to the orbit's
+        size.
     beside, band_factor, limit, pause
-        As for `run`; the call ends after the member at which it has searched so many cells.
+        As for `run`. The call ends after the member with which `pause` cells have been searched.
     impacts, switches
-        Buffers, of as many impacts as the stride and every period.
+        Buffers. That of impacts has at least STRIDE rows, and as many as the longest period has.
     members, clock, left, work, waiting, waits
         Modified in place.
 
@@ -128,7 +132,7 @@ def arrive(
     The number of the next member.
     """
     spent = 0.0
-    stride = STRIDE + (most - most)  # not a literal: `run` would be compiled once more
+    stride = STRIDE + (most - most)  # for a literal `run` would be compiled once more
     for i in range(first, members.number.shape[0]):
         clock[:] = 0.0
         clock[LEFT_FROM] = clock[AMBIGUOUS] = -1.0

@@ -1,4 +1,4 @@
-"""Kernels of what happens to the elements of a machine at an event."""
+"""Kernels that update the elements of a machine at an event."""
 
 from __future__ import annotations
 
@@ -37,22 +37,23 @@ from dynkit.systems.impact.simulation.clock_kernels import (
 from dynkit.systems.impact.simulation.contact_kernels import SMALLEST, Tables, sign_of
 
 _HALVINGS = 60
-"""Halvings of the smallest step, from which on a guard that is zero is looked at."""
+"""The first step of `falls` is the smallest step halved this many times."""
 
 LAIN = 2
 """Regime of an open stop at which friction holds a mass."""
 
 IMPACT, SWITCH, JAM, HALT, JUMP, REST = range(6)
-"""What happens where a guard is zero: the law of impacts in the same mode, another mode, or the end
-of the motion. Another mode, too, where a rate has become zero; or only where the guard is negative
-at once, after an event; or only where a motion begins at rest."""
+"""Kinds of events at the zero of a guard: an impact in the same mode, another mode, the end of the
+motion, another mode because a rate has become zero, another mode only if the guard is negative just
+after an event, or only where a motion begins at rest."""
 
 
 @kernel()
 def add_jump(kick: Array, jump: float, states: Array) -> None:
-    """The found state plus `jump` times the kick, rounded once, into the start state.
+    """Set the start state to the found state plus `jump` times the kick, rounded once.
 
-    A kick in double precision would bias the energy, by the same 1e-17 or so at every impact.
+    A kick rounded to double precision would bias the energy by the same amount, about 1e-17, at
+    every impact.
     """
     for row in range(2):
         for i in range(states.shape[2]):
@@ -66,7 +67,7 @@ def add_jump(kick: Array, jump: float, states: Array) -> None:
 
 @kernel()
 def copy(states: Array, k: int, to: int) -> None:
-    """State `k` into state `to`."""
+    """Copy state `k` into state `to`."""
     for row in range(2):
         for i in range(states.shape[2]):
             states[to, row, i] = states[k, row, i]
@@ -74,7 +75,7 @@ def copy(states: Array, k: int, to: int) -> None:
 
 @kernel()
 def vanishes(tables: Tables, k: int, left: Array) -> bool:
-    """Whether guard `k` is exactly zero, because a slider is at its limit."""
+    """Whether guard `k` is exactly zero because its slider is at the limit of this guard."""
     at = left[tables.element[k], AT_LIMIT]
     if at == 0.0:
         return False
@@ -87,9 +88,9 @@ def vanishes(tables: Tables, k: int, left: Array) -> bool:
 def falls(guard: Ladder, band_factor: float, work: Workspace) -> bool:
     """Whether a guard that is exactly zero at the start becomes negative.
 
-    Its first derivative that is not zero decides. One that vanishes has a rounding error, and
-    contributes less than the guard's own rounding error until the decisive one contributes more:
-    the sign is that with which the guard first exceeds that error.
+    The sign of its first nonzero derivative decides. Derivatives that vanish have rounding errors,
+    but these contribute less than the guard's own rounding error until the nonzero one contributes
+    more. The result is therefore the sign with which the guard first exceeds its rounding error.
     """
     y, c = work.states, work.coefficients
     band = band_factor * EPSILON * (start_sums(guard.rows, y, START)[3] + abs(guard.offset))
@@ -110,7 +111,7 @@ def falls(guard: Ladder, band_factor: float, work: Workspace) -> bool:
 
 @kernel()
 def falling(tables: Tables, g: int, left: Array, band_factor: float, work: Workspace) -> int:
-    """The first guard, from `g` on, that vanishes and becomes negative; -1 if none."""
+    """The first guard in cyclic order from `g` that vanishes and becomes negative; -1 if none."""
     m = tables.ladders.integers[g, GROUP]
     first, guards = tables.first[m], tables.first[m + 1] - tables.first[m]
     for turn in range(guards):
@@ -126,9 +127,10 @@ def falling(tables: Tables, g: int, left: Array, band_factor: float, work: Works
 def jumped(tables: Tables, g: int, left: Array, states: Array, band_factor: float) -> int:
     """A guard that is negative at a start, or after an event at guard `g`; -1 if none.
 
-    Those of an element that has switched are zero but for rounding, or decided; that of a slider at
-    its limit is zero (see `falls`). What has just come to a halt is looked at first: where it slips
-    on, others may stick that would not if it stuck.
+    The guards of elements that have just switched are skipped: they are zero to rounding, or their
+    signs are known. The guard of a slider at its limit is zero (see `falls`). The guards are tested
+    from `g` on: if an element that has just halted slips on, others may stick that would not do so
+    if it stuck.
     """
     m = tables.ladders.integers[g, GROUP]
     first, guards = tables.first[m], tables.first[m + 1] - tables.first[m]
@@ -140,7 +142,7 @@ def jumped(tables: Tables, g: int, left: Array, states: Array, band_factor: floa
         if vanishes(tables, int(k), left):
             continue
         if motion == STILL and tables.event[k] == JUMP and tables.order[k] == 0:
-            continue  # what an impact has stopped moves by rounding
+            continue  # friction that an impact has stopped slips by rounding errors only
         if sign_of(ladder_at(tables.ladders, k), states, START, 0, band_factor) < 0:
             return int(k)
     return -1
@@ -156,9 +158,10 @@ def returns(
     states: Array,
     band_factor: float,
 ) -> bool:
-    """Whether the element that guard `changed` has switched would at once go back by its own guard.
+    """Whether the element that guard `changed` has switched would switch back at once.
 
-    Only rounding does that: what is below zero in one mode is not above it in the other.
+    This is possible by rounding errors only: without them, its guards in the two modes are not both
+    negative.
     """
     k = jumped(tables, g, left, states, band_factor)
     return bool(
@@ -168,7 +171,7 @@ def returns(
 
 @kernel()
 def bounced(tables: Tables, m: int, left: Array) -> int:
-    """The first guard of an element that has just bounced in this mode; -1 if none."""
+    """The first guard of mode `m` whose stop has just been hit; -1 if none."""
     for k in range(tables.first[m], tables.first[m + 1]):
         if tables.event[k] == IMPACT and left[tables.element[k], MOTION] == BOUNCED:
             return int(k)
@@ -177,9 +180,11 @@ def bounced(tables: Tables, m: int, left: Array) -> int:
 
 @kernel()
 def disturbs(tables: Tables, g: int, rates: float, lasts: float, states: Array) -> bool:
-    """Whether bounces at guard `g`, the sum of whose `rates` is given, may take others to a switch.
+    """Whether the bounces of a chatter at guard `g` may make other elements switch.
 
-    Each of their impulses changes what others watch: all of them less than twice that sum of it.
+    `rates` is the sum of the velocities at which the bounces begin, and `lasts` their duration. In
+    total their impulses change another guard by less than 2 `rates` times its change by a unit
+    jump.
     """
     kick, all_of_them = tables.kick[g], 2.0 * rates
     least = max(tables.tolerance, SMALLEST)
@@ -210,10 +215,11 @@ def disturbs(tables: Tables, g: int, rates: float, lasts: float, states: Array) 
 
 @kernel()
 def appear(tables: Tables, before: int, m: int, left: Array) -> bool:
-    """Whether stops are no longer lain at in mode `m`: then their gaps are zero, and at rest.
+    """Update elements after a change from mode `before` to `m`; whether a `LAIN` stop is free.
 
-    Sliders that no longer slide are at their limits; so are those that were there, until they move.
-    What has switched, and is now in yet another regime, has other guards.
+    A stop at which friction no longer holds a mass has a gap of zero, at rest. A slider that no
+    longer slides is at its limit, and stays there until it moves. An element that has just switched
+    and is now in another regime has other guards, and is in flight.
     """
     for element in range(left.shape[0]):
         was, now, at = tables.slides[before, element], tables.slides[m, element], left[element]
@@ -240,7 +246,7 @@ def appear(tables: Tables, before: int, m: int, left: Array) -> bool:
 
 @kernel()
 def undecided(tables: Tables, g: int, left: Array) -> bool:
-    """Whether friction that rests where the stop of guard `g` is closed may slip, or stick."""
+    """Whether friction that has not just switched rests while the stop of guard `g` is closed."""
     for element in range(left.shape[0]):
         if tables.rubbed[g, element] and left[element, MOTION] != SWITCHED:
             return True
@@ -249,10 +255,11 @@ def undecided(tables: Tables, g: int, left: Array) -> bool:
 
 @kernel()
 def know_gaps(tables: Tables, g: int, n: int, e: float, left: Array, work: Workspace) -> None:
-    """Gaps after a flight that guard `g` ends, of stops that were left shortly before it.
+    """Compute the gaps of stops that were left shortly before guard `g` ends the flight.
 
-    Where friction switches in the middle of low bounces, the state would have their absolute
-    rounding.
+    If friction switches during low bounces, gaps from the state would have the rounding errors of
+    positions. Here they have relative accuracy, from Taylor coefficients. `left` is modified in
+    place.
     """
     m, c = tables.ladders.integers[g, GROUP], work.coefficients
     for k in range(tables.first[m], tables.first[m + 1]):
@@ -261,7 +268,7 @@ def know_gaps(tables: Tables, g: int, n: int, e: float, left: Array, work: Works
         own = left[tables.element[k]]
         order = int(own[ORDER])
         rubbed = tables.event[g] != IMPACT or tables.drop[k] + tables.hold[k] > 0.0
-        if k == g:  # that is over after `move_on`
+        if k == g:  # `move_on` ends the bounce of this stop
             continue
         if n > 0 or not rubbed or (order == 0 and own[GAP] == 0.0):
             own[GAP] = 0.0
@@ -281,7 +288,7 @@ def know_gaps(tables: Tables, g: int, n: int, e: float, left: Array, work: Works
 
 @kernel()
 def guard_of(tables: Tables, mode: int, element: int) -> int:
-    """The first guard of an element in a mode; where it has none, that of the mode."""
+    """The first guard of an element in a mode; the first guard of the mode if it has none."""
     for k in range(tables.first[mode], tables.first[mode + 1]):
         if tables.element[k] == element:
             return int(k)
@@ -290,7 +297,7 @@ def guard_of(tables: Tables, mode: int, element: int) -> int:
 
 @kernel()
 def lets_go(tables: Tables, g: int) -> int:
-    """The guard of a stop that an impact at guard `g` opens, in a mode not entered; -1 if none."""
+    """The guard of a stop that an impact at `g` opens, if the next mode is not built; else -1."""
     while tables.opens[g] >= 0:
         k = tables.opens[g]
         if tables.partner[k] < 0:
@@ -301,7 +308,7 @@ def lets_go(tables: Tables, g: int) -> int:
 
 @kernel()
 def together(tables: Tables, g: int, states: Array, band_factor: float) -> bool:
-    """Whether another stop, which the impact at guard `g` pushes or pulls, is reached, too."""
+    """Whether another stop is also reached, and the impact at guard `g` changes its gap's rate."""
     m = tables.ladders.integers[g, GROUP]
     for k in range(tables.first[m], tables.first[m + 1]):
         if k == g or tables.event[k] != IMPACT or not tables.coupled[g, tables.element[k]]:
@@ -313,9 +320,9 @@ def together(tables: Tables, g: int, states: Array, band_factor: float) -> bool:
 
 @kernel()
 def first_of(tables: Tables, g: int, states: Array, band_factor: float) -> int:
-    """The first of the stops that are hit at the same time, but for rounding, as that of guard `g`.
+    """The first of the stops that are hit at the same time, to rounding, as the stop of guard `g`.
 
-    In a machine with a symmetry rounding would choose their order, anew at each of their impacts.
+    Otherwise, in a symmetric machine, rounding errors would choose the order at every impact.
     """
     for k in range(tables.first[tables.ladders.integers[g, GROUP]], g):
         if tables.event[k] != IMPACT:
@@ -329,7 +336,7 @@ def first_of(tables: Tables, g: int, states: Array, band_factor: float) -> int:
 
 @kernel()
 def push(tables: Tables, g: int, left: Array, states: Array) -> bool:
-    """Rates of gaps that are zero and that the impact at guard `g` changed; if one closes."""
+    """Set the rates of zero gaps that the impact at guard `g` changed; return if one closes."""
     closes = False
     m = tables.ladders.integers[g, GROUP]
     for k in range(tables.first[m], tables.first[m + 1]):
@@ -348,10 +355,10 @@ def push(tables: Tables, g: int, left: Array, states: Array) -> bool:
 
 @kernel()
 def jolt(tables: Tables, g: int, left: Array, states: Array) -> None:
-    """After an impact at guard `g`, what switched at the same time may switch back.
+    """After an impact at guard `g`, let elements switch back that switched at the same time.
 
-    Its guard is zero but for rounding, and the rate of the guard is another one; or its guard is a
-    rate itself.
+    Their guards are zero to rounding. The impact has changed the rate of such a guard, or the guard
+    itself if that is a rate.
     """
     m = tables.ladders.integers[g, GROUP]
     for k in range(tables.first[m], tables.first[m + 1]):
@@ -369,9 +376,9 @@ def jolt(tables: Tables, g: int, left: Array, states: Array) -> None:
 
 @kernel()
 def rises(guard: Ladder, order: int, states: Array, band_factor: float) -> int:
-    """The order of the first derivative of a guard that is not zero; 0 where that is negative.
+    """Order of the first nonzero derivative of a guard that is zero; 0 if it is negative.
 
-    It was `order` before a force changed, which can only make it less.
+    It was `order` before a force changed. A change of a force can only lower it.
     """
     for lower in range(1, order):
         sign = sign_of(guard, states, START, lower, band_factor)
@@ -382,9 +389,10 @@ def rises(guard: Ladder, order: int, states: Array, band_factor: float) -> int:
 
 @kernel()
 def try_again(tables: Tables, g: int, left: Array, states: Array, band_factor: float) -> None:
-    """In another mode, that of guard `g`, those that did not come to rest may do so.
+    """Update elements after another mode, that of guard `g`, has been entered.
 
-    And what has just switched goes on at another rate, or not at all.
+    Masses that did not come to rest on their stops may do so in this mode. The guards of elements
+    that have just switched get their new orders and rates.
     """
     for element in range(left.shape[0]):
         if left[element, MOTION] == BOUNCES:
@@ -402,13 +410,13 @@ def try_again(tables: Tables, g: int, left: Array, states: Array, band_factor: f
             own[SPEED] = value_and_rates(guard.rows, guard.offset, states, START)[1]
             if own[SPEED] <= 0.0:
                 own[ORDER] = 0.0
-        if own[ORDER] == 0.0:  # a force is another one
+        if own[ORDER] == 0.0:  # in this mode a force has another value
             own[MOTION] = FLIGHT
 
 
 @kernel()
 def come_to_rest(tables: Tables, m: int, left: Array, y: Array, band_factor: float) -> bool:
-    """Whether nothing but rounding moves stops that are touched, which then have no rates."""
+    """Whether rounding hides the gaps' rates at all touched stops; if so, set them to zero."""
     first, last = tables.first[m], tables.first[m + 1]
     for k in range(first, last):
         guard = ladder_at(tables.ladders, k)

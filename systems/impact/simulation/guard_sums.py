@@ -1,4 +1,4 @@
-"""Sums of guards at the start of a motion: their values, and disturbed ones."""
+"""Exponential sums of guards at the start of a motion: their values, and disturbed offsets."""
 
 from __future__ import annotations
 
@@ -10,16 +10,16 @@ from dynkit.core.validation import Array
 
 
 def value_and_rate(gap: Any, state: Array) -> tuple[float, float, float]:
-    """An exponential sum at a state (2, slots), its rate of change, and its absolute terms."""
+    """Value of an exponential sum at a state (2, slots), its rate, and the sum of its |terms|."""
     terms = gap.rows[:4] * np.vstack([state, state])[:, : gap.rows.shape[1]]
     size = float(abs(terms[:2]).sum() + abs(gap.offset))
     return float(terms[:2].sum() + gap.offset), float(terms[2:4].sum()), size
 
 
 def displaced(tables: Any, terms: Array, parts: Array) -> Any:
-    """The same tables with the offsets of guards disturbed, relative to the terms of their sums.
+    """The same tables with disturbed offsets of guards, relative to the terms of their sums.
 
-    Where the structure rests on the table almost exactly, these offsets are rounding errors.
+    If the structure at rest almost exactly touches the table, these offsets are rounding errors.
     """
     from dynkit.exponential.stack_kernels import OFFSET
 

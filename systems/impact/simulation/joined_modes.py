@@ -1,4 +1,4 @@
-"""Modes that motions have entered, and the guards that join them."""
+"""Modes that motions have entered, and guards, which lead from one mode to another."""
 
 from __future__ import annotations
 
@@ -32,13 +32,14 @@ class Guard:
     change : (2 slots, 2 slots + 1), of both modes, or None
         Affine change of the state from one mode to the other.
     opens : int
-        The closed stop that an impact opens, or the sticking element that it moves; -1 for none.
+        Number of the closed stop that an impact opens, or of the sticking element that it moves; -1
+        for none.
     ambiguous : bool
         Whether an impact pushes against a closed stop, or friction leaves its outcome open.
     scrapes : tuple of Scrape, or of Rub
         Friction at an impact.
     rubbed : sequence of bool
-        Of Taylor's method, see `Parts.rubbed`.
+        See `Parts.rubbed`; set for Taylor's method only.
     """
 
     mode: int
@@ -76,7 +77,7 @@ class JoinedModes(ABC):
 
     @final
     def _forget(self) -> None:
-        """Begin without modes."""
+        """Remove all modes and guards."""
         self._lock = RLock()
         vars(self).pop("_kept", None)
         self.modes: list[Any] = []
@@ -90,7 +91,7 @@ class JoinedModes(ABC):
 
     @final
     def checked_mode(self, regimes: tuple[int, ...]) -> Any:
-        """The mode of regimes from outside; ValueError where the elements have none of these."""
+        """The mode of given regimes; ValueError if the elements do not have these regimes."""
         counts = [len(element.regimes) for element in self._elements]
         if len(regimes) != len(counts) or not all(
             map(range.__contains__, map(range, counts), regimes)
@@ -100,7 +101,7 @@ class JoinedModes(ABC):
 
     @final
     def guard(self, mode: int, element: int) -> int:
-        """Number of the first guard of an element in a mode, or else of the mode."""
+        """Number of the first guard of an element in a mode; the mode's first if it has none."""
         first = bisect_left(self.guards, mode, key=attrgetter("mode"))
         own = takewhile(lambda k: self.guards[k].mode == mode, range(first, len(self.guards)))
         return next((k for k in own if self.guards[k].element == element), first)
@@ -129,7 +130,11 @@ class JoinedModes(ABC):
     def _decide(
         self, guard: Guard, rides: bool | None, rubs: Callable[[], tuple[Any, bool]]
     ) -> None:
-        """What an impact does that is the same in all states, by its friction and what it opens."""
+        """Set the effects of an impact that are the same in all states: what it opens, friction.
+
+        `rides` is that of `Parts.riding` for the stop, and `rubs` gives the friction. If others
+        move the stop's row (None), an impact that opens nothing jams the machine.
+        """
         guard.opens, guard.ambiguous = self.parts.pushed(self.regimes[guard.mode], guard.element)
         if rides is not None:
             guard.scrapes, open_ = rubs()
@@ -139,11 +144,11 @@ class JoinedModes(ABC):
 
 
 def cycled_by(elements: Sequence[Element]) -> int | None:
-    """Number of the element whose events are the section of a machine that nothing drives.
+    """Number of the element whose events define the section of an undriven machine; None for none.
 
-    It is the first friction, where it comes to a halt, else the first soft stop, where its gap
-    closes; not one with a preload, at whose edge a motion may cross without end. None where there
-    is neither.
+    It is the first friction element, with the section where slip halts, or else the first soft stop
+    whose force is continuous, with the section where its gap closes. At the edge of a stop with a
+    preload a motion may cross infinitely often.
     """
     friction = (k for k, element in enumerate(elements) if halts(element))
     others = (k for k, e in enumerate(elements) if not (e.slider or _pushes_at_once(e)))
@@ -151,11 +156,11 @@ def cycled_by(elements: Sequence[Element]) -> int | None:
 
 
 def _pushes_at_once(element: Element) -> bool:
-    """Whether its force jumps where it is met."""
+    """Whether the element's force jumps where its gap closes."""
     met = element.regimes[element.regimes[0].guards[0].to]
     return bool(met.push)
 
 
 def halts(element: Element) -> bool:
-    """Whether it may come to a halt."""
+    """Whether the element has a regime in which slip may come to a halt."""
     return any(regime.halts for regime in element.regimes)

@@ -41,9 +41,10 @@ def chatter_by_law(
     fourth: float,
     buffer: Array,
 ) -> tuple[bool, float, float, float]:
-    """As `chatter_completes`, by the law of guard `k`, and where it does: what is left out.
+    """Whether a chatter completes, as `chatter_completes`, for the impact law of guard `k`.
 
-    The time that the bounces take, the time integral of the gap, and the sum of their velocities.
+    Then the duration of its bounces, the time integral of the gap over them, and the sum of the
+    velocities at which they begin; zeros if the chatter does not complete.
     """
     none = False, 0.0, 0.0, 0.0
     drop, tolerance = tables.drop[k], tables.tolerance
@@ -60,7 +61,7 @@ def chatter_by_law(
     tail, kick = tables.tails[law], tables.kick[k]
     powers = tail[LIMIT] * slowed >= 1.0
     if powers and tail[SCALE] > 0.0 and tail[EXPONENT] < 1.0:
-        # Half of the time by its leading term, before it is worked out.
+        # An early test, by the leading term of half of the duration.
         half = u / (a * (1.0 - tail[EXPONENT]) * tail[SCALE] * u ** tail[EXPONENT])
         if tolerance > 0.0 and _late(abs(third), 2.0 * half, a) > PLACE * tolerance:
             return none
@@ -75,7 +76,8 @@ def chatter_by_law(
         ):
             return none
     else:
-        # Each bounce loses 1 - r of its velocity: the acceleration must change by less in it.
+        # A bounce loses the part 1 - r of its velocity: the relative change of the acceleration
+        # within the bounce must be at most a quarter of this part.
         rest = 4.0 * u * first / a
         change = abs(third) + abs(drag(gap, kick)) * a + 0.5 * fourth * rest
         r = evaluate(code, numbers, u, buffer)
@@ -92,7 +94,10 @@ def chatter_by_law(
 
 @kernel()
 def _late(change: float, rest: float, a: float) -> float:
-    """What terms of second order leave out of a time, where a changes at a rate."""
+    """Error of the duration `rest`, if the acceleration `a` changes at the rate `change`.
+
+    The terms up to second order are included in `rest`; this is the size of the next one.
+    """
     return (change * rest / a) ** 2 * rest
 
 
@@ -109,7 +114,10 @@ def _rest(
     third: float,
     buffer: Array,
 ) -> float:
-    """As `chatter_rest`, by a law: bounce by bounce."""
+    """Duration of the bounces from velocity `u` on by an impact law, summed bounce by bounce.
+
+    It is accurate to second order, as that of `chatter_rest`.
+    """
     once, p, q, v, w, s, a, b = bounce_terms(drag(gap, kick), drop, u, second, third)
     powers = tail[LIMIT] * s >= 1.0
     time = 0.0

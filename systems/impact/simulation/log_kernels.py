@@ -1,4 +1,4 @@
-"""What a run writes down: impacts, and changes of the mode."""
+"""Logs of a run: impacts, and changes of the mode."""
 
 from __future__ import annotations
 
@@ -23,14 +23,14 @@ Indices = NDArray[np.intp]
 
 
 class Impacts(NamedTuple):
-    """What is written down of impacts: nothing where there are no rows.
+    """The log of impacts; it has no rows if impacts are not stored.
 
     Attributes
     ----------
-    time, speed : (n,) times, and rates of the gap just after them
-    guard : (n,) number of the guard that each was at
-    states : (n, 2, slots) just after them
-    turn : (n, 2) sine and cosine of the phase where no slot holds them; else no rows
+    time, speed : (n,) times of the impacts, and rates of the gap just after them
+    guard : (n,) number of the guard that was zero at each impact
+    states : (n, 2, slots) states just after the impacts
+    turn : (n, 2) sine and cosine of the phase if no slot of the states holds them; else no rows
     """
 
     time: Array
@@ -41,15 +41,15 @@ class Impacts(NamedTuple):
 
 
 class Switches(NamedTuple):
-    """What is written down of changes of the mode.
+    """The log of changes of the mode.
 
     Attributes
     ----------
-    time : (k,) when they happen: for contact, at the last impact that is not left out
-    rest, speed : (k,) how long the bounces last that are left out, and how fast the first one is
-    before : (k,) number of impacts before
-    guard : (k,) number of the guard that each was at
-    states : (k, 2, slots) just after them, in the new mode
+    time : (k,) times of the changes; for contact, the time of the last impact before it
+    rest, speed : (k,) duration of the omitted bounces, and speed at which the first one begins
+    before : (k,) number of impacts before the change
+    guard : (k,) number of the guard that was zero
+    states : (k, 2, slots) states just after the change, in the new mode
     """
 
     time: Array
@@ -64,7 +64,10 @@ class Switches(NamedTuple):
 def enter(
     g: int, guard: int, clock: Array, rest: float, speed: float, y: Array, log: Switches
 ) -> None:
-    """Guard `g` has led to another mode, whose state is the start state, and a guard there."""
+    """Log that guard `g` has led to the mode of `guard`; the start state is that of the new mode.
+
+    `rest` is the duration of omitted bounces, `speed` that at which the first of them begins.
+    """
     k = int(clock[SWITCHES])
     log.time[k] = clock[TIME]
     log.rest[k] = rest
@@ -82,7 +85,7 @@ def enter(
 def note_impact(
     done: int, k: int, table: int, clock: Array, speed: float, y: Array, log: Impacts
 ) -> None:
-    """Write down the start state, just after an impact at guard `k`."""
+    """Log the start state as the state just after an impact at guard `k`, in row `done`."""
     log.time[done] = clock[TIME]
     log.speed[done] = speed
     log.guard[done] = k

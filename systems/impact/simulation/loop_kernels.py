@@ -1,7 +1,7 @@
 """Kernels of linear modes joined by events: the loop over flights and transitions.
 
-Modal coordinates all the way: an impact adds a multiple of one vector, and nothing is transformed
-to positions.
+States stay in modal coordinates throughout: an impact adds a multiple of one vector, and no state
+is transformed to positions.
 """
 
 from __future__ import annotations
@@ -115,33 +115,35 @@ Indices = NDArray[np.intp]
     RUN_PAUSED,
     LAW_BROKEN,
 ) = range(11)
-"""Endings of a run. After the last one, an impact law gives no number in [0, 1] for guard WANTED,
+"""Endings of a run. LAW_BROKEN: the impact law of guard ``clock[WANTED]`` gives no number in [0, 1]
 at the velocity ``waits[1]``."""
 
 AGAIN = MODE_WANTED, SWITCHES_FULL, RUN_PAUSED
 """Endings after which the call is repeated."""
 
 SECTION = 100
-"""Outcome of a search where nothing happens within the period."""
+"""Outcome of a search without an event within the period of the stroboscopic section."""
 
 PER_EVENT = 4
-"""An event takes about as long as so many cells; where contact is tried, one more for each slot."""
+"""Cost of an event, in search cells; a test for contact costs one more cell for each slot."""
 
 AT_REST, MOST_AT_ONCE = 10, 1000
-"""Impacts, one stop after another in no time, after which these stops are at rest if rounding hides
-that they are not; and for each stop so many after which a run ends."""
+"""Numbers of impacts on alternating stops in no time. Beyond the first number, gaps whose rates are
+hidden by rounding get rates of zero. Beyond the second one, times the number of elements, the run
+ends with COLLAPSED."""
 
 FIRST_CELLS = 64
-"""Cells after which the search of one of several guards waits for that of the others."""
+"""Cells after which the search for a zero of one of several guards gives way to the next guard."""
 
 WAITS, TURN, OUTCOME, STEPS, BEST, NEXT = range(6)
-"""Of a paused search: whether it is paused, how many guards were searched, and the earliest root so
-far: its outcome, smallest steps and guard. Its remainder and rate are waiting, too. From NEXT on,
-for guards modulo MOST_KNOWN, the guard that ended the last flight that began there."""
+"""Indices of `waiting`, which holds a paused search: whether it is paused, the number of guards
+searched, and the outcome, number of smallest steps and guard of the earliest root so far. The
+remainder of its time and the guard's rate are in `waits`. From NEXT on: for each guard, modulo
+MOST_KNOWN, the guard that ended the last flight that began at it."""
 
 MOST_KNOWN = 1024
 WAITING = NEXT + MOST_KNOWN
-"""Numbers of `waiting`."""
+"""Length of `waiting`."""
 
 
 @kernel(entry=True, nogil=True)
@@ -166,15 +168,15 @@ def run(
     Parameters
     ----------
     left
-        (elements, BEGIN) how each of them begins the flight, modified in place.
+        (elements, BEGIN) how each element begins the flight, see `MOTION`; modified in place.
     limit
         Largest number of cells of one search.
     pause
-        After so many cells, and twice as many at most, this call ends with RUN_PAUSED; a call with
-        the same arguments, for the impacts that remain, goes on from there, bit for bit.
+        After this number of cells, and at most twice as many, the call ends with RUN_PAUSED. A call
+        with the same arguments, for the remaining impacts, continues it bit for bit.
     beside
-        Number of other elements. With None there are none, and the element is a hard stop whose
-        restitution is a number: what only others need is not compiled.
+        Number of elements besides the first one. None means that there are none and that the only
+        element is a hard stop whose restitution is a number; code for others is not compiled.
     noise
         Relative size of a pseudo-random perturbation after each event, for error estimates; 0 for
         none.
@@ -192,11 +194,11 @@ def run(
     ladders = tables.ladders
     codes = work.codes
     store = impacts.time.shape[0] > 0
-    # Not a literal: for every one of them the search would be compiled once more.
+    # A literal would be another type, for which the search would be compiled once more.
     for_ever = FOREVER + (count - count)
     spent = 0
     done = 0
-    # Views of a guard are made where it is another one than before.
+    # Views of a guard's arrays are made only when the guard changes.
     at = int(clock[GUARD])
     gap = ladder_at(ladders, at)
     while done < count:
@@ -210,7 +212,7 @@ def run(
             if at != g:
                 at = g
                 gap = ladder_at(ladders, at)
-            # Nothing drives it: then it may die out.
+            # A motion without forcing may die out.
             if gap.steady < 0 and tables.period == 0.0 and died_out(gap, y, START):
                 return done, DIED_OUT
             m = ladders.integers[g, GROUP]
@@ -219,7 +221,7 @@ def run(
                 return done, RUN_PAUSED
             if beside is not None:
                 jumps = jumped(tables, g, left, y, band_factor) >= 0
-            else:  # the contact force alone may be negative at once
+            else:  # only the contact force can be negative just after an event
                 jumps = tables.event[g] != IMPACT and left[tables.element[g], MOTION] != SWITCHED
             if jumps:
                 came = change_by_address(
@@ -254,13 +256,13 @@ def run(
                         return done, MODE_WANTED
                     g = int(clock[GUARD])
                 if beside is not None and beside > 0:
-                    continue  # another one may have bounced, or be torn off
+                    continue  # another stop may have been hit, or another force be too large
         m = ladders.integers[g, GROUP]
         first = tables.first[m]
         guards = tables.first[m + 1] - first
         smallest = ladders.smallest[m]
-        # With several guards little is spent on each at first: what cannot be told of one of them
-        # for ever need not be, where another one is reached.
+        # With several guards, each search begins with a small budget: a guard whose sign is hard to
+        # determine for all time need not be searched beyond the zero of another guard.
         budget = int(clock[BUDGET])
         if budget == 0:
             budget = min(limit, FIRST_CELLS) if guards > 1 else limit
@@ -279,7 +281,8 @@ def run(
             if k >= 0:
                 copy(y, START, KEPT)
                 turn, outcome, n, best, e, rate = guards, ROOT, 0, k, 0.0, 0.0
-        # A root ends the searches after it: the likely one is first. The result is the same.
+        # A root limits the later searches to the time before it. Therefore the guard that is likely
+        # to be reached first is searched first. The result does not depend on the order.
         likely = waiting[NEXT + g % MOST_KNOWN]
         if not first <= likely < first + guards:
             likely = g
@@ -323,7 +326,7 @@ def run(
             if sooner and outcome != NEVER:
                 gain = (e - d) - (steps - n) * smallest
                 sooner = gain > 0.0 or (gain == 0.0 and (k - g) % guards < (best - g) % guards)
-            # At the limit of cells a search has come to n, and no further than another root.
+            # A search that ends at the limit of cells has reached a time before any other root.
             if found == LIMIT or sooner:
                 outcome, n, best, e, rate = found, steps, k, d, slope
                 if guards > 1:
@@ -335,7 +338,7 @@ def run(
             continue
         if outcome in (NEVER, LIMIT):
             held = int(clock[LEFT_FROM])
-            if held >= 0:  # contact does not end: the last event is the impact before it
+            if held >= 0:  # contact never ends: go back to the impact before it
                 copy(y, LEFT, START)
                 clock[GUARD] = held
                 left[tables.element[held], MOTION] = BOUNCED
@@ -433,7 +436,7 @@ def run(
         if beside is not None:
             scrape(tables, best, -(1.0 + r) * rate, left, y)
         normalise(y, gap.steady)
-        # What friction held at a stop is pushed against it.
+        # The impact pushes a mass against the stop at which friction held it.
         if (
             beside is not None
             and push(tables, best, left, y)

@@ -1,4 +1,4 @@
-"""Parameters by which derivatives are in closed form."""
+"""Parameters with derivatives in closed form."""
 
 from __future__ import annotations
 
@@ -8,14 +8,14 @@ from typing import Any
 from dynkit.systems.structure.lagrangian import share_derivation
 
 EXACT = ("frequency", "restitution", "amplitude", "offset", "play")
-"""Parameters by which derivatives are in closed form."""
+"""Parameters with derivatives in closed form."""
 
 OUTSIDE = (*EXACT, "harmonic_forces", "constant_forces", "contact", "side")
-"""What acts on the structure from outside."""
+"""Parameters of the table and of the forces, which are no parameters of the structure."""
 
 
 def changes_alone(oscillator: Any, name: str) -> bool:
-    """Whether a parameter is one of `EXACT`, and changes nothing but itself."""
+    """Whether a parameter is one of `EXACT`, and no other parameter depends on it."""
     here = oscillator
     if name not in EXACT or name not in here.parameters or not math.isfinite(getattr(here, name)):
         return False

@@ -1,4 +1,4 @@
-"""One automaton for oscillators that differ in the restitution of their table alone."""
+"""One automaton for all oscillators that differ only in the restitution of their table."""
 
 from __future__ import annotations
 
@@ -9,9 +9,7 @@ from dynkit.systems.impact.simulation.automaton import Automaton
 
 @final
 class Rebounding:
-    """An automaton whose stops have another coefficient of restitution.
-
-    Its modes and guards are those of the other automaton.
+    """An automaton with the modes and guards of another one, but another restitution at all stops.
 
     Parameters
     ----------
@@ -25,7 +23,7 @@ class Rebounding:
         self._restitution = restitution
         self._given: Any = None
         self._tables: Any = None
-        # what an automaton never replaces, and simulations read often
+        # An automaton never replaces these attributes; simulations read them often.
         self.modes, self.guards, self.regimes = shared.modes, shared.guards, shared.regimes
         self.parts, self.beside = shared.parts, shared.beside
 
@@ -34,7 +32,7 @@ class Rebounding:
 
     @property
     def tables(self) -> Any:
-        """The tables of the kernels."""
+        """The shared automaton's kernel tables with this restitution."""
         given = self.shared.tables
         if given is not self._given:
             own = given.restitution * self._restitution

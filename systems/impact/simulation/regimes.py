@@ -1,4 +1,4 @@
-"""Rules for the regimes of several elements: which of them hold, stick or rest together."""
+"""Rules for the regimes of several elements: which elements hold, stick or rest together."""
 
 from __future__ import annotations
 
@@ -43,16 +43,17 @@ from dynkit.systems.structure.definiteness import check_semidefinite
 class Parts:
     """The elements of a machine, by number, and the rules for their regimes.
 
-    Messages name the elements by other numbers, those among the elements that a user gave.
+    In messages an element has another number: its place among the elements that a user gave.
 
     Attributes
     ----------
     normal : dict
-        Number of the hard stop on which friction leans, by the number of that friction.
+        Number of the hard stop whose contact force is the normal force of friction, by the number
+        of the friction element.
     sliders : dict
         Number of the slider's coordinate, by the number of the element.
     falls : bool
-        Whether an element has a dashpot below zero: friction that falls with the slip.
+        Whether an element has a negative dashpot: friction that decreases with the slip velocity.
 
     Raises
     ------
@@ -78,7 +79,7 @@ class Parts:
             led = (j for j in rubs if j < k and len(self._alike((j,), k)) > 1)
             self._leads[k] = next((j for j in led if self.along((j,), k)), k)
         for k, element in enumerate(elements):
-            if element.curved:  # the mass that it acts on varies
+            if element.curved:  # the mass on which it acts varies
                 continue
             row = element.row(structure.size)
             for name in ("stiffness", "damping"):
@@ -91,16 +92,19 @@ class Parts:
                     )
 
     def now(self, regimes: Sequence[int]) -> list[Regime]:
-        """The regimes of all elements, by their numbers."""
+        """The regimes of all elements, from the numbers of the regimes."""
         return [own[k] for own, k in zip(self._regimes, regimes, strict=True)]
 
     def check_slopes(self, own: Sequence[float]) -> None:
-        """Refuse friction that falls by more than the other dashpots of the elements make up for.
+        """Refuse friction that decreases with slip by more than the dashpots compensate.
+
+        `own` are the dashpots of all elements in their regimes.
 
         Raises
         ------
         Refused
-            When damping is not positive semidefinite with it. The limit is where it just is.
+            When the damping is not positive semidefinite. The limit in the message is the slope for
+            which it just is.
         """
         rows = [element.row(self._structure.size) for element in self._elements]
         damping = self._structure.damping
@@ -124,7 +128,10 @@ class Parts:
         return self._leads.get(element, element) != element
 
     def led(self, element: int) -> list[tuple[int, float]]:
-        """Friction that slips and sticks as this one, itself first, and how fast beside it."""
+        """Friction elements that slip and stick as this one, and ratios of their slip velocities.
+
+        The first is the element itself.
+        """
         group = [k for k, leader in self._leads.items() if leader == element]
         alike = self._alike(tuple(group), element)
         own, *rows = (each.row(self._structure.size) for each in alike)
@@ -134,7 +141,7 @@ class Parts:
     def halted(self, given: Sequence[int], element: int, *, jumps: bool) -> list[int]:
         """Regimes after a halt: friction on the same row and surface sticks as well.
 
-        After a jump of the rate, and where what holds moves the row, this holds for sliders only.
+        After a jump of the rate, or if elements that hold move the row, only sliders do so.
         """
         regimes, both = list(given), sum(self.grips(given), ())
         rides = self.along(both, element)
@@ -158,11 +165,12 @@ class Parts:
     def settled(self, given: Sequence[int]) -> tuple[int, ...]:
         """Make regimes consistent.
 
-        Friction at a contact is off while that is open, and undecided as the contact begins.
+        Friction at a contact is off while the contact is open, and undecided when it begins.
         Friction elements on one row and one surface slip and stick together. Friction on a row that
-        stops hold rests: the shares of the force are not determined, and it takes none. When the
-        stop opens, friction sticks, and a mass that then does not move lies at the stop. Sliders
-        stick while the coordinate that they follow does not move over their surfaces.
+        stops hold is at rest; the shares of the force are not determined, and friction takes none.
+        When the stop opens, this friction sticks, and a mass that then does not move stays at the
+        stop (`LAIN`). Sliders stick while the coordinate that they follow does not move over their
+        surfaces.
         """
         return self._settled(tuple(given))
 
@@ -195,7 +203,7 @@ class Parts:
         return tuple(regimes)
 
     def holding(self, regimes: Sequence[int]) -> list[int]:
-        """Numbers of the elements that hold or stick, and of the stops at which a mass lies."""
+        """Numbers of the elements that hold or stick, and of the stops at which a mass stays."""
         lain = [k for k, lies in enumerate(self.lain(regimes)) if lies]
         return sorted(sum(self.grips(regimes), ()) + tuple(lain))
 
@@ -205,7 +213,7 @@ class Parts:
         return [regime == LAIN and isinstance(element, HardStop) for element, regime in pairs]
 
     def slides(self, regimes: Sequence[int]) -> list[int]:
-        """For each element, how its slider slides or rides: see `Tables.slides`."""
+        """For each element, how its slider slides or sticks: see `Tables.slides`."""
         both, out = sum(self.grips(regimes), ()), [0] * len(regimes)
         for k in self.sliders:
             regime = self._regimes[k][regimes[k]]
@@ -214,7 +222,7 @@ class Parts:
         return out
 
     def grips(self, regimes: Sequence[int]) -> tuple[tuple[int, ...], tuple[int, ...]]:
-        """Numbers of the elements that hold, and of those that stick on rows that none holds."""
+        """Numbers of the elements that hold, and of those that stick on rows that no stop holds."""
         return self._grips(tuple(regimes))
 
     @kept
@@ -233,14 +241,14 @@ class Parts:
         rests = rides(self._structure, held, own)
         if rests is False and others and self._structure.size == 1 + self._structure.sliders:
             still = not any(self._elements[k].moves for k in (*others, element))
-            rests = True if still else None  # there all functions are held together
+            rests = True if still else None  # all functions of one coordinate are held together
         return rests
 
     def _alike(self, others: tuple[int, ...], element: int) -> list[Element]:
-        """An element, and those of others whose rows are like its own in all states.
+        """An element, and those of other elements whose rows can be compared with its own.
 
-        Along a function of the coordinates these are those along the same function, all of which
-        might as well act along a coordinate.
+        Elements along rows are compared with each other. Elements along a function of the
+        coordinates are compared with those along the same function, as if along one coordinate.
         """
         own = self._elements[element]
         given = [own, *(self._elements[k] for k in others)]
@@ -251,13 +259,13 @@ class Parts:
     def riding(self, regimes: Sequence[int]) -> list[bool | None]:
         """For each element whether others hold its row: see `along`.
 
-        Others are what holds, and for friction and sliders also what sticks. A stop whose mass does
-        not move is not reached.
+        Others are the elements that hold; for friction and sliders also those that stick. A stop is
+        also held if elements that stick keep its mass at rest: it cannot be reached.
 
         Raises
         ------
         CannotFollow
-            When friction slips or sticks along what other friction holds.
+            When friction slips or sticks along a row that other friction holds.
         """
         held, sticking = self.grips(regimes)
         both, out = held + sticking, list[bool | None]()
@@ -274,10 +282,11 @@ class Parts:
     def watches(
         self, regimes: Sequence[int], riding: Sequence[bool | None]
     ) -> list[tuple[int, Watch]]:
-        """Guards of a mode: elements, and what is watched.
+        """Guards of a mode, as pairs of an element and a guard.
 
-        What others hold has none. Friction on a row that others move does not halt. A slider turns
-        as friction on its row and surface halts, whose event that is.
+        An element whose row others hold has no guard. Friction on a row that others move does not
+        halt. A slider reverses when friction on its row and surface halts; then it has no guard of
+        its own for this event.
         """
         both, found = sum(self.grips(regimes), ()), list[tuple[int, Watch]]()
         now = self.now(regimes)
@@ -296,7 +305,7 @@ class Parts:
         return found
 
     def _shared(self, element: int, watch: Watch) -> Watch:
-        """The guard of a friction force, or of the sum for friction that sticks together."""
+        """The guard of a friction force, or of the total force of friction that sticks together."""
         if len(self.led(element)) < 2:
             return watch
         force, static = self.most(element)
@@ -325,10 +334,11 @@ class Parts:
     def pushed(
         self, regimes: Sequence[int], hit: int, there: tuple[Array, Array] | None = None
     ) -> tuple[int, bool]:
-        """Sticking element or closed stop moved by an impact; whether it pushes against a stop.
+        """Sticking element that an impact moves, or closed stop that it opens; -1 for none.
 
-        A stop along a row that closed stops hold is hit if it pushes away from one of these. Where
-        masses or rows vary, the mass matrix and the rows (elements, N) of the state are given.
+        Then whether the impact pushes against a closed stop. A stop along a row that closed stops
+        hold can be hit only if the impact opens one of these. Where masses or rows vary, `there`
+        are the mass matrix (N, N) and the rows (elements, N) of the state.
         """
         held, sticking = self.grips(regimes)
         closed = [k for k in held if self.hard(k)]
@@ -349,7 +359,7 @@ class Parts:
             others = [k for k in closed if opened < 0 or k != closed[opened]]
             away = opened >= 0 and not rests(others)
             return closed[opened] if away else -1, False
-        for k in (*sticking, *(k for k in held if k not in closed)):  # they take no impulse
+        for k in (*sticking, *(k for k in held if k not in closed)):  # these transmit no impulse
             if moves(mass, rows[[*closed, hit]], rows[k]):
                 return k, False
         if not closed:
@@ -359,14 +369,14 @@ class Parts:
 
     @property
     def most_rubs(self) -> int:
-        """The largest number of friction elements that lean on one stop."""
+        """The largest number of friction elements with the same stop as their normal."""
         stops = list(self.normal.values())
         return max(map(stops.count, stops), default=0)
 
     def tractions(self, regimes: Sequence[int]) -> list[tuple[int, int, float]]:
-        """Friction at contacts that slips: its number, that of its stop, force over contact force.
+        """Friction that slips at contacts: its number, that of its stop, and its traction.
 
-        The forces are counted along the rows of both.
+        The traction is the friction force over the contact force, both along the elements' rows.
         """
         found, now = [], self.now(regimes)
         for k, stop in self.normal.items():
@@ -376,7 +386,7 @@ class Parts:
         return found
 
     def rubbed(self, regimes: Sequence[int], stop: int) -> list[bool]:
-        """For each element, whether it is friction that rests while this stop is closed."""
+        """For each element, whether it is friction that is at rest while this stop is closed."""
         held = self.grips(regimes)[0]
         for k in self.normal:
             if self.along(held, k) is False and self.along((*held, stop), k) is not False:
@@ -390,10 +400,10 @@ class Parts:
         ]
 
     def turns(self, rubbed: Sequence[bool], changes: Array) -> tuple[float, float]:
-        """Change of a gap's acceleration when friction reverses, and the most that friction holds.
+        """Decrease of a gap's acceleration when friction reverses; most that the friction holds.
 
-        `rubbed` says which elements are in friction; `changes` (elements,) are the rates along all
-        of them by a unit impulse at the gap.
+        Both are accelerations. `rubbed` marks the friction elements along the row of the gap;
+        `changes` (elements,) are the rates along all elements by a unit impulse at the gap.
         """
         drop = hold = 0.0
         for k in np.flatnonzero(rubbed).tolist():
@@ -403,7 +413,7 @@ class Parts:
         return drop, hold
 
     def most(self, element: int) -> tuple[float, float]:
-        """Kinetic and static force of friction that sticks together, along the first row."""
+        """Total kinetic and static force of friction that sticks together, along the first row."""
         force = static = 0.0
         for k, share in self.led(element):
             own = self._regimes[k]

@@ -1,4 +1,4 @@
-"""Runs of the simulation kernels: buffers in, plain arrays out."""
+"""Runs of the simulation kernels: buffers, tables and code for them, and their results."""
 
 from __future__ import annotations
 
@@ -33,14 +33,16 @@ if TYPE_CHECKING:
 MOST_CELLS = 1_000_000
 """Cells after which the search for the next event ends the run, with `Ending.SEARCH_LIMIT`.
 
-So do more cells while the log of switches fills without an impact: ever rarer switches.
+The run also ends if more cells than this are searched between two enlargements of the log of
+switches without an impact.
 """
 
 MOST_SWITCHES = 1 << 16
-"""Switches without an impact after which the run ends in the same way."""
+"""Switches without an impact after which the run ends, with `Ending.SEARCH_LIMIT`."""
 
 _ON_SECTION = 2.0**-44
-"""Of the terms of a gap, and of its change in a step: rounding leaves less of one that is zero."""
+"""Relative size below which a gap counts as zero: relative to the sum of its absolute terms, and to
+its change in the smallest step. Rounding errors are smaller."""
 
 _FEW = 32
 """Initial capacity of the log of switches."""
@@ -58,7 +60,7 @@ def _kernels() -> Any:
 
 
 def band_factor(slots: int) -> float:
-    """Rounding band in units of 2^-52 times the sum of amplitudes."""
+    """Half-width of the rounding band of a guard, in units of 2^-52 times its sum of amplitudes."""
     return 8.0 + slots
 
 
@@ -88,9 +90,10 @@ def trajectory_of(
 def to_contact(
     oscillator: DrivenStructure, start: ImpactState, count: int
 ) -> tuple[Trajectory, bool]:
-    """Simulate up to `count` impacts; and whether contact with the stop follows, and is left out.
+    """Simulate up to `count` impacts; and whether the run ended before contact with a stop.
 
-    It is left out where no motion has entered its mode; else the motion goes on.
+    The stop is that of the start. The run ends before contact if no motion has entered the mode of
+    this contact. Otherwise it continues.
     """
     if oscillator._motion is not None:
         return trajectory_of(oscillator, start, count, store=True), False
@@ -119,10 +122,10 @@ def course_from(
 
 
 _LENT: list[tuple[Any, ...]] = []
-"""Buffers of the last run that has ended, for the next one."""
+"""Buffers of the last run that has ended, for reuse by the next run."""
 
 _ADDRESSES: dict[Any, int] = {}
-"""Addresses of the machine code that motions needed in this process."""
+"""Addresses of machine code that runs have needed in this process."""
 
 
 def fill_codes(
@@ -138,7 +141,7 @@ def fill_codes(
     work: Any,
     waits: Array,
 ) -> None:
-    """Put addresses of machine code into ``work.codes``; compile what a run has paused for."""
+    """Put addresses of machine code into ``work.codes``; compile the code a run has paused for."""
     from dynkit.exponential.evaluation_kernels import CHANGE, LEAP, NOISE, SEARCH, WANTED_CODE
 
     if noise > 0.0:
@@ -167,12 +170,13 @@ def fill_codes(
 
 @final
 class Course:
-    """A simulation that can be continued in pieces; its bits do not depend on the pieces.
+    """A simulation that can be continued in pieces; the pieces do not change a bit of the result.
 
     `noise` is the relative size of pseudo-random disturbances of the start and of the states after
-    impacts: of every number itself, a 32nd of it of the number's bound along the flight, and of the
-    position of rest relative to the terms of its sum. The bounds hold for flights of up to
-    `longest`, or the longest flight so far. The search for an event ends after `most_cells`.
+    impacts. Every number is disturbed relative to itself, and with noise / 32 relative to its bound
+    along the flight. Offsets of guards are disturbed relative to the sum of their absolute terms.
+    The bounds hold for flights of up to `longest`, or up to the longest flight so far. The search
+    for an event ends after `most_cells`.
 
     Attributes
     ----------
@@ -181,8 +185,8 @@ class Course:
     ending : Ending
         Why the simulation ended.
     most_switches : int
-        About so many switches without an impact end it, with `Ending.SEARCH_LIMIT`; `MOST_SWITCHES`
-        by default.
+        Approximate number of switches without an impact after which it ends, with
+        `Ending.SEARCH_LIMIT`; `MOST_SWITCHES` by default.
     """
 
     most_switches: int | None = None
@@ -250,7 +254,10 @@ class Course:
         return [k for k, g in enumerate(guards) if (g.mode, g.element) == (mode, element)]
 
     def _slip(self) -> None:
-        """Friction that slips acts from the start: what sticks or holds bears its force, too."""
+        """Enter the regimes of friction that slips at the start, for its direction of slip.
+
+        The forces on elements that stick or hold then include this friction.
+        """
         guards = self._oscillator._automaton.guards
         for k in set(range(len(self._oscillator._elements))).difference(self._start.closed):
             for number in [i for i in self._own(k) if guards[i].watch.event == JUMP]:
@@ -267,14 +274,14 @@ class Course:
         number = next((k for k in own if automaton.guards[k].watch.event == REST), -1)
         if number < 0 and own and automaton.guards[own[0]].watch.event in (IMPACT, HALT):
             number = own[0]
-        if number < 0 and own and element in automaton.parts.sliders:  # it slides where it yields
+        if number < 0 and own and element in automaton.parts.sliders:  # the guard that is exceeded
             there = self._work.states[_kernels()[1].START]
             number = min(own, key=lambda k: value_and_rate(automaton.guards[k].sum, there)[0])
-        if number >= 0:  # else it stays where it is, as others hold it
+        if number >= 0:  # otherwise other elements hold its row
             self._switch(number)
 
     def _stretch(self) -> None:
-        """Sliders that stick, and that are at their limits but for rounding, are there."""
+        """Note which sticking sliders are at their limits, to rounding."""
         clock_kernels, automaton = _kernels()[0], self._oscillator._automaton
         mode = automaton.guards[int(self._clock[clock_kernels.GUARD])].mode
         x, places = self._start.position, self._start.sliders
@@ -301,7 +308,10 @@ class Course:
         log_kernels.enter(number, after, clock, 0.0, 0.0, states, self._switches)
 
     def _leave_section(self) -> None:
-        """A motion that begins on its section is past it; friction is, as it sticks."""
+        """Enter the mode beyond the section if a motion begins on it.
+
+        Friction is beyond the section anyway because it sticks there.
+        """
         clock_kernels, kernels, _ = _kernels()
         automaton, element = self._oscillator._automaton, self._oscillator._crossed.element
         k = self._oscillator._elements.index(element)
@@ -320,11 +330,11 @@ class Course:
         self._left[k, :3] = clock_kernels.SWITCHED, guard.watch.order, rate
 
     def _prepare(self, first: int, states: Array) -> None:
-        """Make tables and buffers for the present modes; put these states in, from row 1 on."""
+        """Make tables and buffers for the present modes; copy states into rows from `first` on."""
         self._tables = self._oscillator._automaton.tables
         slots = self._tables.ladders.step.shape[3]
         if self._shifts is not None:
-            # another thread may have entered more modes meanwhile
+            # Another thread may have entered more modes in the meantime.
             terms = self._oscillator._automaton.rest_terms()[: len(self._tables.event)]
             self._tables = displaced(self._tables, terms, self._shifts)
         if self._switches is not None or not self._borrows(slots):
@@ -333,17 +343,17 @@ class Course:
         self._work.states[first : first + len(states), :, : states.shape[2]] = states
 
     def _key(self, slots: int) -> tuple[Any, ...]:
-        """What the buffers of a run depend on, and the machine code that it needs."""
+        """Key of buffers that a run can reuse: their size, and the kind of machine code."""
         return slots, len(self._left), self._oscillator._automaton.beside is None
 
     def lend(self) -> None:
-        """Lend the buffers to the next run: this one has ended, and logged no switches."""
+        """Leave the buffers to the next run if this run had no noise and logged no switches."""
         if not (self._noise or self._clock[_kernels()[0].SWITCHES]):
             slots = self._work.states.shape[2]
             _LENT[:] = [(self._key(slots), self._work, self._switches)]
 
     def _borrows(self, slots: int) -> bool:
-        """Take buffers that are lent, and fit, as new ones; they know the code that was needed."""
+        """Reuse the buffers of an earlier run if they fit; they contain the addresses of code."""
         try:
             key, work, switches = _LENT.pop()
         except IndexError:
@@ -376,25 +386,25 @@ class Course:
         return bool(count > most and before[count - most] == impacts)
 
     def _tires(self) -> bool:
-        """Whether no impact came, and too many cells, since the log of switches was last full."""
+        """Whether too many cells, and no impact, came since the log of switches was last full."""
         (impacts, cells), clock_kernels = self._full, _kernels()[0]
         self._full = int(self._clock[clock_kernels.IMPACTS]), self.cells
         return self._full[0] == impacts and self._full[1] - cells > self._most_cells
 
     def _refuse_law(self) -> None:
-        """ValueError where the law of a stop gives no restitution in [0, 1]."""
+        """Raise the ValueError of an impact law that gives no restitution in [0, 1]."""
         guard, velocity = int(self._clock[_kernels()[0].WANTED]), float(self._waiting[1][1])
         stop = self._oscillator._stops[self._oscillator._automaton.table[guard, 1]]
         stop.restitution.at(velocity)
 
     def _hangs(self) -> bool:
-        """Whether the last switches are at a preloaded stop, and so many in a period, too.
+        """Whether the last switches are at a preloaded stop, and too many in one period.
 
-        A force that jumps drives a mass back across the edge from both sides; damping makes its
-        velocity u decay exponentially, while each crossing takes 2 u/a.
+        A force that jumps drives a mass back across the edge of the stop from both sides. Damping
+        makes its velocity u decay exponentially, and each crossing takes 2 u/a.
         """
         count, few = int(self._clock[_kernels()[0].SWITCHES]), MOST_SWITCHES // 64
-        if count < few:  # a run that was to be short
+        if count < few:  # the limit on switches was set lower
             return False
         times, guard = self._switches.time[:count], self._switches.guard[count - 1]
         last = self._oscillator._elements[self._oscillator._automaton.table[guard, 1]]
@@ -404,8 +414,8 @@ class Course:
     def advance(self, count: int, *, store: bool, lands: int | None = None) -> Impacts:
         """Simulate up to `count` further impacts; return their log, empty unless stored.
 
-        Before contact with the stop `lands`, in a mode that no motion has entered, it ends, and
-        `waits` is true.
+        It ends before contact with the stop `lands` if no motion has entered the mode of this
+        contact; then `waits` is true.
         """
         _, kernels, log_kernels = _kernels()
         free, rows = self._oscillator._free, count if store else 0
@@ -491,7 +501,7 @@ class Course:
             turn = clock[[clock_kernels.SINE, clock_kernels.COSINE]]
         reached = state_of(oscillator, q, turn, speed, element, motion, tuple(closed))
         if switched not in (-1, *closed) and not oscillator._cycled:
-            # where it has just begun to slip, its velocity does not tell which way
+            # Just as slip begins, the velocity does not show its direction: store it as sticking.
             places = reached.position, reached.velocity, turn, tuple(hard)
             if switched in sticking(oscillator, *places):
                 closed.append(switched)

@@ -19,7 +19,8 @@ if TYPE_CHECKING:
 
 
 _HIDDEN = 2.0**-20
-"""Bounces slower than this part of the first are lower than rounding of that one."""
+"""Samples omit bounces that begin at less than this part of the first one's velocity: their heights
+are less than 2^-40 of its height."""
 
 
 def sample_run(oscillator: DrivenStructure, run: Trajectory, times: Array) -> tuple[Array, Array]:
@@ -48,7 +49,7 @@ def sample_run(oscillator: DrivenStructure, run: Trajectory, times: Array) -> tu
 def _bouncing(
     oscillator: DrivenStructure, run: Trajectory, guard: Any, some: Array, x: Array
 ) -> Array:
-    """Velocity changes (m, N) over that of the gap, in bounces at positions (m, N)."""
+    """Velocity changes (m, N) per unit change of the gap's rate, in bounces at positions (m, N)."""
     automaton, elements = oscillator._automaton, oscillator._elements
     mode, stop = automaton.modes[guard.mode], elements[guard.element]
     if isinstance(mode, TaylorMode) and not mode.constant_kicks:
@@ -73,7 +74,10 @@ def _bouncing(
 
 
 def _pushing(oscillator: DrivenStructure, run: Trajectory, element: int, some: Array) -> Array:
-    """Signs (k,) of the force of friction just after some segments, and what follows at once."""
+    """Signs (k,) of the friction force of an element after some segments.
+
+    They are taken from the last of all segments that begin at the same time.
+    """
     s, now = run.segments, oscillator._automaton.parts.now
     after = np.searchsorted(s.begin, s.begin[some], side="right") - 1
     tractions = np.array([now(regimes)[element].traction for regimes in run.regimes])
@@ -81,7 +85,7 @@ def _pushing(oscillator: DrivenStructure, run: Trajectory, element: int, some: A
 
 
 def states_at(run: Trajectory, times: Array) -> Iterator[tuple[Mode, Any, Array]]:
-    """The modes at times (k,) within a run, which of these are in each, and their states there."""
+    """For each mode at times (k,) within a run: the mode, indices of its times, states there."""
     parts = run.segments
     which = np.searchsorted(parts.begin, times, side="right") - 1
     since = times - parts.begin[which]
@@ -103,7 +107,7 @@ def events_of(oscillator: DrivenStructure, run: Trajectory) -> Events:
     parts = run.segments
     time = parts.begin + parts.rest
     happened = (time > 0.0) | (parts.kind != EventKind.SWITCH)
-    if oscillator._strobed:  # the begin of a period is not an event
+    if oscillator._strobed:  # the beginning of a period is not an event
         happened[1:] &= parts.kind[1:] != EventKind.IMPACT
     some = np.flatnonzero(happened)[1:]
     numbers = parts.kind[some], parts.element[some], parts.mode[some]
@@ -111,9 +115,9 @@ def events_of(oscillator: DrivenStructure, run: Trajectory) -> Events:
 
 
 def longest_sample(oscillator: DrivenStructure, run: Trajectory) -> float:
-    """Time up to which a run that ended by itself can be sampled: 2^24 of the longest steps.
+    """Time for which a run that ended by itself can be sampled: 2^24 of the longest steps.
 
-    By Taylor's method, as far as an event was searched.
+    For Taylor's method it is the time up to which an event was searched.
     """
     if oscillator._motion is not None:
         return run.searched
@@ -127,7 +131,10 @@ def longest_sample(oscillator: DrivenStructure, run: Trajectory) -> float:
 def _bounces(
     restitution: Restitution, speed: Array, rest: Array, since: Array
 ) -> tuple[Array, Array]:
-    """Gap and its rate in the omitted bounces of a chatter: parabolas of decreasing size."""
+    """Gap and its rate in the omitted bounces of a chatter, as parabolas of decreasing size.
+
+    The bounces begin with `speed` and last for `rest`. The times `since` count from their start.
+    """
     acceleration = 2.0 * speed / (rest * share(restitution, speed))
     if isinstance(restitution, ImpactLaw):
         u, s = _by_law(restitution, speed, acceleration, since)
@@ -141,7 +148,10 @@ def _bounces(
 
 
 def _by_law(law: ImpactLaw, speed: Array, acceleration: Array, since: Array) -> tuple[Array, Array]:
-    """How fast bounces leave, and how long ago; zero where they are hidden by the first one."""
+    """Velocities at which the present bounces began, and times since then.
+
+    Both are zero once bounces are slower than `_HIDDEN` times the first one.
+    """
     u, s = speed.copy(), since.copy()
     while (over := (s >= 2.0 * u / acceleration) & (u > _HIDDEN * speed)).any():
         s[over] -= 2.0 * u[over] / acceleration[over]

@@ -1,8 +1,8 @@
 """Kernels of friction at impacts: Coulomb's law for the impulse, and the tail of a chatter.
 
-An impact that changes the rate of the gap by J takes `ratio` J from the slip velocity w at most,
-ratio = mu A_tt / A_nn with A = J M^-1 J', and no more than brings w to zero. Slip velocity and gap
-must not be coupled by the masses, A_nt = 0.
+An impact changes the rate of the gap by a jump j. Its friction changes the slip velocity w towards
+zero by ``ratio * j``, or by |w| if that is less. Here ratio = mu A_tt / A_nn with A = J M^-1 J'.
+Slip velocity and gap must not be coupled by the masses: A_nt = 0.
 """
 
 from __future__ import annotations
@@ -17,15 +17,15 @@ from dynkit.systems.impact.simulation.contact_kernels import SMALLEST, Tables
 from dynkit.systems.impact.simulation.event_kernels import add_jump, copy
 
 _SAFE = 0.25
-"""Part of what decides between slip and stick by which a tail must be clear of the border."""
+"""Relative distance that the tail of a chatter must have from the border of slip and stick."""
 
 _STILL = 1e-6
-"""A slip velocity below this part of what an impact may take from it is zero."""
+"""A slip velocity counts as zero below this part of the largest change of it by an impact."""
 
 
 @kernel()
 def _slip(tables: Tables, g: int, f: int, states: Array, order: int) -> float:
-    """The slip velocity of friction `f` at guard `g`, or with order 1 its rate in flight."""
+    """The slip velocity of friction `f` at guard `g`; with order 1, its rate in flight."""
     rows = tables.scrape[g, f]
     total = tables.scraped[g, f, 1] if order == 0 else 0.0
     for i in range(rows.shape[1]):
@@ -38,7 +38,7 @@ def _slip(tables: Tables, g: int, f: int, states: Array, order: int) -> float:
 def _change(
     tables: Tables, g: int, f: int, change: float, stops: bool, left: Array, states: Array
 ) -> None:
-    """Change a slip velocity; the start state is modified in place, and FOUND is lost."""
+    """Change a slip velocity; modifies the start state in place and overwrites the found state."""
     copy(states, START, FOUND)
     add_jump(tables.scrape[g, f, 4:], change, states)
     left[int(tables.scraped[g, f, 2]), MOTION] = STILL if stops else FLIGHT
@@ -46,14 +46,14 @@ def _change(
 
 @kernel(entry=True)
 def taken(w: float, most: float) -> tuple[float, bool]:
-    """Change of a slip velocity by an impact that takes so much at most; whether that is all."""
+    """Change of the slip velocity `w` by an impact, at most `most`; whether w becomes zero."""
     stops = abs(w) <= most
     return -w if stops else -math.copysign(most, w), stops
 
 
 @kernel()
 def scrape(tables: Tables, g: int, jump: float, left: Array, states: Array) -> None:
-    """Friction at an impact that has changed the rate of the gap by `jump`; in place."""
+    """Apply friction at an impact that has changed the gap's rate by `jump`; modified in place."""
     for f in range(tables.scraped.shape[1]):
         most = tables.scraped[g, f, 0] * jump
         if most > 0.0:
@@ -65,14 +65,15 @@ def scrape(tables: Tables, g: int, jump: float, left: Array, states: Array) -> N
 def tail(
     ratio: float, w: float, pull: float, r: float, u: float, second: float, tolerance: float
 ) -> tuple[bool, bool, float, float]:
-    """Whether friction slips, or sticks, throughout the bounces from relative velocity `u` on.
+    """Whether friction slips throughout, or sticks throughout, the bounces from velocity `u` on.
 
-    Then whether it sticks, by how much w changes as contact takes their place, and the error of
-    places by that. In flight w changes at the rate `pull`, and that of the gap at `second`.
+    Then whether it sticks, the change of w when contact replaces the bounces, and the resulting
+    error of positions. In flight w changes at the rate `pull`, and the gap's rate at `second`.
 
-    Bounce i leaves at u r^i, takes 2 u r^i/a and ends with an impulse of (1 + r) u r^i. Contact has
-    the impulse of a over the same time, which is more by u in the sum: slip gets that back. What
-    sticks moves in each flight and is stopped at its end.
+    Bounce i leaves at u r^i, lasts 2 u r^i/a and ends with an impulse of (1 + r) u r^i. Contact
+    for the same time has the impulse of a, which is larger by u in total: therefore ratio u is
+    added to a slip velocity beforehand. Friction that sticks moves in each flight and stops at its
+    end.
     """
     a = -second
     flight, takes = 2.0 * abs(pull) / a, ratio * (1.0 + r)
@@ -99,9 +100,9 @@ def _tail(
 def scrapes_out(
     tables: Tables, g: int, r: float, u: float, second: float, left: Array, states: Array
 ) -> tuple[bool, float]:
-    """Whether all friction at guard `g` has a `_tail`; then slip is changed, in place. Its error.
+    """Whether all friction at guard `g` slips, or sticks, throughout a `tail`; and the error.
 
-    As contact begins what is left of the slip velocity is that of contact.
+    If so, the slip velocities are changed in place to those of contact, which then begins.
     """
     error = 0.0
     for f in range(tables.scraped.shape[1]):

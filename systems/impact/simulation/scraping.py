@@ -1,4 +1,4 @@
-"""Friction at an impact, by the masses that it acts on: what an impulse does to the slip."""
+"""Friction at impacts: changes of slip velocities by impulses, from masses and rows."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from dynkit.systems.impact.simulation.regimes import Parts
 
 
 class Rub(NamedTuple):
-    """Friction at an impact, and what it takes of its slip at most, over the jump of the gap."""
+    """Friction at an impact, and its `ratio` as in `Scrape`."""
 
     element: int
     ratio: float
@@ -30,12 +30,13 @@ class Scrape(NamedTuple):
     ----------
     element : int
     ratio : float
-        Largest change of the slip velocity over the change of the rate of the gap.
+        Largest change of the slip velocity, divided by the change of the gap's rate.
     slip : the slip velocity, as an exponential sum
-    kick : (4, slots) change of the state by a unit jump of it, then the low parts
-    excursion : (2, m) change of the mode's coordinates by brief excursions, over those of the gap
+    kick : (4, slots) change of the state by a unit jump of the slip velocity, then its low parts
+    excursion : (2, m) change of the mode's coordinates by a brief excursion of the slip, while the
+        gap has a brief excursion with a time integral of one
     coupling : float
-        Largest change of a position or velocity by the same.
+        Largest change of a position or velocity by this excursion.
     """
 
     element: int
@@ -54,7 +55,7 @@ def scrapes_of(
     regimes: tuple[int, ...],
     stop: int,
 ) -> tuple[tuple[Scrape, ...], bool]:
-    """Friction at an impact at a stop, and whether the masses leave its outcome open."""
+    """Friction at an impact at a stop, and whether mass coupling leaves its effect open."""
     size, found = structure.size, []
     rows = np.array([element.row(size) for element in elements])
     rubs, open_ = rubbing(structure.mass, rows, elements, parts, regimes, stop)
@@ -80,9 +81,10 @@ def rubbing(
     regimes: tuple[int, ...],
     stop: int,
 ) -> tuple[list[int], bool]:
-    """Friction that an impact at a stop makes rub, and whether the masses leave its outcome open.
+    """Numbers of the friction elements that an impact at a stop affects, and whether this is open.
 
-    By the mass matrix (N, N) and the rows (elements, N).
+    The effect is open if the masses couple friction to the stop or to elements that hold or stick.
+    The mass matrix is (N, N), the rows of all elements are (elements, N).
     """
     both, found, open_ = sum(parts.grips(regimes), ()), list[int](), False
     rubs = [k for k, normal in parts.normal.items() if normal == stop]
@@ -103,7 +105,7 @@ def _kinetic(friction: Element) -> float:
 
 
 def packed(scrapes: Sequence[Scrape], most: int, slots: int) -> tuple[Array, Array]:
-    """Numbers (most, 3) and rows (most, 8, slots) of friction for the kernels: see `Tables`."""
+    """Arrays ``scraped`` (most, 3) and ``scrape`` (most, 8, slots) of one guard in `Tables`."""
     numbers, rows = np.zeros((most, 3)), np.zeros((most, 8, slots))
     for own, out, part in zip(numbers, rows, scrapes, strict=False):
         own[:] = part.ratio, part.slip.offset, part.element

@@ -33,22 +33,24 @@ if TYPE_CHECKING:
     from dynkit.systems.impact.modes.structure import Contact
     from dynkit.systems.impact.simulation.driven_structure import DrivenStructure
 
-# The first mode has a node at the contact mass where that moves less than this part of the largest:
-# half of a double's digits, so that its displacement there is not all rounding.
+# The first mode has a node at the contact mass if its displacement there is less than this part of
+# the largest one: half of a double's digits, so that a smaller one may consist of rounding errors.
 _NODE = 2.0**-26
 
 
 def _rounding(place: float, amplitude: float, offset: float) -> float:
-    """Rounding error of a gap of zero."""
+    """Bound of the rounding error of a zero gap."""
     return 4.0 * 2.0**-53 * (abs(place) + amplitude + abs(offset))
 
 
 def default_position(
     oscillator: DrivenStructure, angle: float, length: float | None = None
 ) -> Array:
-    """Shape of the first mode with modal amplitude one, if a mass at rest can be there.
+    """Shape of the first mode with modal amplitude one, if masses at rest can be there.
 
-    With a length it is as long, which also takes the place of a distance of one from a stop.
+    Otherwise it is scaled, or moved at the contact, to a distance from the stop of one or half the
+    play. If `length` is given, the shape's largest displacement and this distance of one are
+    `length` instead.
     """
     shape = oscillator.modal_matrix[:, 0]
     if length is not None:
@@ -68,7 +70,7 @@ def default_position(
         return np.asarray(_between(oscillator, x, turn, unit)[0])
     table = float(near.swing(*turn) + near.offset)
     gap = near.sign * (float(row @ x) - table)
-    # rate of the gap of a mass at rest: on a stop that moves towards it, it cannot be
+    # rate of the gap of a mass at rest, which cannot be on a stop that moves towards it
     rate = -near.sign * near.swing_rate(oscillator.frequency, *turn)
     rounding = _rounding(place, oscillator.amplitude, near.offset)
     clear = gap > rounding or (gap >= 0.0 and rate >= 0.0)
@@ -83,7 +85,7 @@ def default_position(
 
 
 def _clear(oscillator: DrivenStructure, shape: Array, angle: float) -> Array:
-    """The shape, or a multiple of it, that is clear of stops along functions."""
+    """A multiple of the shape for which all gaps are positive, for stops along functions."""
     turn = math.sin(angle), math.cos(angle)
     for factor in (1.0, 0.5, 2.0, *(0.5 ** np.arange(2.0, _HALVINGS))):
         for x in (factor * shape, -factor * shape):
@@ -98,10 +100,10 @@ def _clear(oscillator: DrivenStructure, shape: Array, angle: float) -> Array:
 def _between(
     oscillator: DrivenStructure, x: Array, turn: tuple[float, float], unit: float
 ) -> Array:
-    """Positions and velocities (2, N) with gaps of a unit at least, or a half, a quarter, ...
+    """Positions and velocities (2, N) with gaps of at least a unit, or a half, a quarter, ...
 
-    The positions are the nearest ones to given positions, and the velocities are zero. Without
-    room, they are on the stops and move with them.
+    The positions are the nearest ones to given positions, and the velocities are zero. If there is
+    no room between the stops, the masses are on the stops and move with them.
     """
     rows = np.array([s.sign * c.row[: len(x)] for s, c in _stands(oscillator)])
     places = np.array([s.sign * (s.swing(*turn) + s.offset) for s in oscillator._stops])
@@ -130,9 +132,9 @@ _HALVINGS, _LEFT = 40, 2.0**-51
 
 
 def _nearest(rows: Array, least: Array, x: Array) -> Array:
-    """The nearest positions (N,) whose sums by rows (k, N) are at least given numbers (k,).
+    """The positions (N,) nearest to `x` with ``rows @ positions >= least``.
 
-    None where there are no such positions.
+    The rows are (k, N). If no positions satisfy the inequalities, the result does not either.
 
     References
     ----------
@@ -155,7 +157,7 @@ def _stands(oscillator: DrivenStructure) -> Iterable[tuple[HardStop, Contact]]:
 
 
 def _called(oscillator: DrivenStructure, stop: HardStop) -> str:
-    """The stop as messages name it."""
+    """Name of the stop in messages."""
     if not oscillator.elements:
         return "the table"
     return f"stop {stop.name!r}" if stop.name else "the stop"
@@ -169,7 +171,7 @@ def start(
     sliders: object,
     length: float | None = None,
 ) -> ImpactState:
-    """A start state, with defaults for None; ValueError beyond a stop.
+    """A start state, with defaults for None; ValueError if a mass is beyond a stop.
 
     The default position is that of `default_position`.
     """
@@ -207,7 +209,7 @@ def start(
                 )
             on[side] = 0.0 if u <= rounding else u
         first = first if side else abs(u)
-    # the one that is left, of those that are; the others are lain on
+    # the first touched stop whose gap opens, if any; masses rest on others with a rate of zero
     element = max(on, key=lambda side: on[side] > 0.0, default=0)
     touching = (element, *apart(oscillator, element, on, x)) if on else ()
     sticks = sticking(oscillator, x, v, turn, touching)
@@ -224,12 +226,12 @@ def start(
 
 
 def own_start(oscillator: DrivenStructure) -> ImpactState:
-    """The default start with a length of the machine's own in place of one."""
+    """The default start, with the machine's characteristic length in place of one."""
     return start(oscillator, None, None, 0.0, None, oscillator._length)
 
 
 def _sliding(oscillator: DrivenStructure, x: Array, turn: Array, given: object) -> Array:
-    """Positions (N,) and sliders (J,); ValueError where sliders are not finite or too far off."""
+    """Positions (N,) and sliders (J,); ValueError if sliders are not finite or beyond reach."""
     own = oscillator._sliders
     if given is None:
         middle = [element.offset + element.swing(*turn.tolist()) for element in own]
@@ -239,7 +241,7 @@ def _sliding(oscillator: DrivenStructure, x: Array, turn: Array, given: object) 
     functions = [oscillator._functions[k] for k in oscillator._parts.sliders]
     sizes = np.array([abs(y.gradient(x)) @ abs(x) for y in functions])
     sizes += [e.curved * (1.0 + abs(float(y(x)))) for e, y in zip(own, functions, strict=True)]
-    rounding = TOUCHED * (sizes + abs(places))  # as places are from changes of coordinates
+    rounding = TOUCHED * (sizes + abs(places))  # slider positions may come from changes of basis
     for k in np.flatnonzero(abs(out[len(x) :] - places) > rounding)[:1].tolist():
         low, high = (float(part[k]) for part in within(oscillator, x))
         raise ValueError(f"sliders[{k}] must lie in [{low}, {high}]; got {places[k]}")
@@ -250,6 +252,7 @@ def entered(oscillator: DrivenStructure, start: ImpactState) -> ImpactState:
     """Convert a state of an oscillator with other parameters to a state of this one.
 
     A mass on the table is put onto this oscillator's table and keeps its relative velocity.
+    Raises Refused if a mass is then beyond a stop.
     """
     if start._system is oscillator or start._system == oscillator:
         return start
@@ -279,5 +282,5 @@ def entered(oscillator: DrivenStructure, start: ImpactState) -> ImpactState:
     touched(oscillator, x[:n], v, turn, start.element)
     closed += sticking(oscillator, x[:n], v, turn, (start.element, *closed))
     v = beside(oscillator, v)
-    # Where the table released it under other parameters, its contact force is not zero here.
+    # A mass just released by the other table has a contact force of zero there, but not here.
     return state_at(oscillator, x, v, turn, u, start.element, Motion.TABLE, tuple(closed))

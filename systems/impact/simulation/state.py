@@ -26,7 +26,7 @@ if TYPE_CHECKING:
 TWO_PI = 2.0 * math.pi
 
 LARGE = 1e100
-"""Coordinates below this make no infinite positions."""
+"""Modal coordinates with a smaller norm give finite positions and velocities."""
 
 
 class Motion(Enum):
@@ -51,10 +51,10 @@ class ImpactState:
         of two velocities would lose digits.
     element : int
         Number of the stop that was hit: 0 for the table, 1 for the far stop of a play; of
-        ``elements`` the number among the hard stops. In flight from a start it is 0.
+        ``elements`` the number among the hard stops. At a start in flight it is 0.
     motion : Motion
     closed : tuple of int
-        Numbers of other stops that are in contact, and of friction that sticks.
+        Numbers of other stops that are in contact, and of friction elements that stick.
     """
 
     _stored: ClassVar = ("speed", "element", "motion", "closed", "_coordinates", "_turn")
@@ -77,7 +77,7 @@ class ImpactState:
 
     @property
     def _numbers(self) -> tuple[Any, ...]:
-        """Everything but the oscillator that it is a state of."""
+        """All data of the state except its oscillator."""
         return self.speed, self.element, self.motion, self.closed, self._coordinates, self._turn
 
     @property
@@ -97,7 +97,7 @@ class ImpactState:
 
     @property
     def sliders(self) -> Array:
-        """Places (J,) of the sliders of `Jenkins` elements, read-only."""
+        """Positions (J,) of the sliders of `Jenkins` elements, read-only."""
         return self._place[0][self._system.degrees_of_freedom :]
 
     @cached_property
@@ -107,7 +107,7 @@ class ImpactState:
 
     @cached_property
     def _place(self) -> tuple[Array, Array]:
-        """Positions and velocities; in contact those of the contact mass are the table's."""
+        """Positions and velocities (N + J,); except in flight, they are put onto the stop."""
         system, q, (sine, cosine) = self._system, self._coordinates, self._turn
         forced = system._free.forced
         with np.errstate(over="ignore", invalid="ignore"):
@@ -140,7 +140,7 @@ def state_of(
     Raises
     ------
     Diverged
-        When its positions or velocities are infinite.
+        When positions or velocities of the state are infinite.
     """
     q, turn = q.copy(), turn.copy()
     q.setflags(write=False)
@@ -152,15 +152,16 @@ def state_of(
 
 
 def phases(sine: Array, cosine: Array) -> Array:
-    """Phases (n,) in [0, 2 pi), of sines and cosines (n,): the same bits in any company.
+    """Phases (n,) in [0, 2 pi) of sines and cosines (n,).
 
-    NumPy's arctan2 rounds in another way where vectors overlap in memory, or seem to.
+    The bits of one phase do not depend on the other ones. NumPy's arctan2 may round differently
+    where arrays overlap in memory, or seem to.
     """
     return in_turn(list(map(math.atan2, sine.tolist(), cosine.tolist())))
 
 
 def in_turn(angles: Any) -> Array:
-    """Angles in [0, 2 pi); one that is below zero by less than a turn is rounded to is zero."""
+    """Angles modulo 2 pi, in [0, 2 pi); an angle whose remainder is rounded to 2 pi becomes 0."""
     turned = np.asarray(angles) % TWO_PI
     return np.where(turned < TWO_PI, turned, 0.0)
 
@@ -173,13 +174,13 @@ def turning(angles: Array) -> Array:
 
 
 def whole_states(mode: Any, states: Array, angles: Array) -> Array:
-    """Positions, velocities, places of sliders and `turning` (k, D) of states (k, 2, slots)."""
+    """Positions, velocities, slider positions and `turning` (k, D) of states (k, 2, slots)."""
     parts = *mode.motion(states), mode.sliders(states), turning(angles)
     return np.concatenate(parts, axis=1)
 
 
 def on_stop(stop: HardStop, frequency: float, turn: Any, speed: Any) -> tuple[Any, Any]:
-    """What a stop acts along, and its rate, on the stop: by phase and rate of the gap."""
+    """Contact coordinate and its rate on a stop, for a phase and a rate `speed` of the gap."""
     rate = stop.swing_rate(frequency, *turn) + stop.sign * speed
     return stop.swing(*turn) + stop.offset, rate
 
@@ -193,12 +194,12 @@ def put_on(
     cosine: Any,
     speed: Any,
 ) -> None:
-    """Put positions and velocities (..., N) onto a stop, and onto others that are in contact."""
+    """Put positions and velocities (..., N) onto a stop and other closed stops, in place."""
     stops, w, turn = oscillator._stops, oscillator.frequency, (sine, cosine)
     others = [k for k in closed if k < len(stops)]
     totals = [on_stop(stops[element], w, turn, speed)]
     totals += [on_stop(stops[k], w, turn, 0.0) for k in others]
-    if oscillator._bent:  # of several by turns; the first one is met to rounding
+    if oscillator._bent:  # the stops are met in turn; `element`, the last one, is met to rounding
         pairs = list(zip((element, *others), totals, strict=True))
         for k, total in [*pairs[1:], pairs[0]] * (_TURNS if others else 1):
             oscillator._contacts[k].put_both(*state, *total)
@@ -208,13 +209,13 @@ def put_on(
             oscillator._contacts[element].put(x, own[0])
         else:
             rows = np.array([oscillator._contacts[k].row for k in (element, *others)])
-            kept = independent(rows)  # what the others hold is where it is
+            kept = independent(rows)  # the other rows depend on these
             values = np.stack(own, axis=-1)[..., kept]
             oscillator._structure.holding(rows[kept]).put(x, values)
 
 
 _TURNS = 40
-"""Turns of putting positions onto several stops, of which each is met to rounding."""
+"""Rounds in which positions are put onto each of several stops along functions in turn."""
 
 
 def state_at(
@@ -236,7 +237,7 @@ def state_at(
 
 
 def without_shift(state: ImpactState) -> ImpactState:
-    """The same state, of a machine that progresses at zero along its shift."""
+    """The same state with its progression set to zero, for a machine that progresses."""
     system, along = state._system, state._system._progression
     if not along.shift.size:
         return state
@@ -247,12 +248,12 @@ def without_shift(state: ImpactState) -> ImpactState:
 
 
 def beside(oscillator: DrivenStructure, x: Array) -> Array:
-    """Positions or velocities (N,) with zeros for those of sliders, (N + J,)."""
+    """Positions or velocities (N,), followed by zeros for those of sliders: (N + J,)."""
     return np.pad(x, (0, len(oscillator._sliders))) if oscillator._sliders else x
 
 
 def placed(oscillator: DrivenStructure, x: Array, sliders: Array) -> Array:
-    """Positions (N,) and those of sliders (J,), which follow where they are too far behind."""
+    """Positions (N,) and those of sliders (J,); sliders beyond their reach are moved to it."""
     if not oscillator._sliders:
         return x[: oscillator.degrees_of_freedom]
     low, high = within(oscillator, x)
@@ -260,18 +261,21 @@ def placed(oscillator: DrivenStructure, x: Array, sliders: Array) -> Array:
 
 
 def within(oscillator: DrivenStructure, x: Array) -> tuple[Array, Array]:
-    """Between which places (J,) sliders are, where positions are (N,)."""
+    """Lower and upper limits (J,) of the positions of sliders, at positions (N,)."""
     reach = [element.reach for element in oscillator._sliders]
     along = np.array([oscillator._functions[k](x) for k in oscillator._parts.sliders])
     return along - reach, along + reach
 
 
 SHEET = 2.0 * TWO_PI
-"""Of several stops, that between the phases of a section's coordinates on one and on the next."""
+"""Offset of the phase among the section coordinates from one of several stops to the next."""
 
 
 def section_of(oscillator: DrivenStructure, state: ImpactState) -> Array:
-    """Section coordinates of a state on a stop; without one positions, velocities and sliders."""
+    """Section coordinates of a state on a stop.
+
+    Without hard stops they are positions, velocities and sliders.
+    """
     if oscillator._strobed:
         positions, velocities = oscillator._crossed.kept
         kept = state.position[positions], state.velocity[velocities], state.sliders
@@ -283,14 +287,14 @@ def section_of(oscillator: DrivenStructure, state: ImpactState) -> Array:
 
 
 def sheet_of(phase: Any) -> Any:
-    """The stop of section coordinates, by the last of them, where there are several."""
+    """Number of the stop of section coordinates, from the last coordinate; for several stops."""
     return np.rint((phase - math.pi) / SHEET)
 
 
 def on_section(oscillator: DrivenStructure, coordinates: object) -> ImpactState:
-    """The state just after an impact with these section coordinates; ValueError for none.
+    """The state just after an impact with these section coordinates; ValueError if there is none.
 
-    Sliders that are farther behind than they may be, follow.
+    Sliders beyond their reach are moved to it.
     """
     y = finite_array("state", coordinates, (oscillator.dimension,))
     n, stands = oscillator.degrees_of_freedom, oscillator._stops
@@ -308,7 +312,7 @@ def on_section(oscillator: DrivenStructure, coordinates: object) -> ImpactState:
         if u < 0.0:
             raise Refused(f"state[{len(y) - 2}] must not be negative; got {u}")
         u += 0.0
-    # the sign of a section coordinate, and that of its zero, tells the stop of a play
+    # The sign of the relative velocity, also that of a zero, identifies the stop of a play.
     element, speed = int(math.copysign(1.0, u) < 0.0), abs(u)
     if oscillator._several:
         element = int(sheet_of(phase))
@@ -334,7 +338,7 @@ def on_section(oscillator: DrivenStructure, coordinates: object) -> ImpactState:
 def touched(
     oscillator: DrivenStructure, x: Array, v: Array, turn: Array, element: int
 ) -> tuple[int, ...]:
-    """Other stops that a structure lies on, but for rounding; Refused beyond one of them."""
+    """Other stops on which a structure rests, to rounding; Refused if it is beyond one of them."""
     if not oscillator._several:
         return ()
     found = []
@@ -353,7 +357,7 @@ def touched(
 
 
 def seen_along(contact: Any, x: Array, v: Array) -> tuple[Array, float, float]:
-    """Row (N,) of a contact, and place and rate along it, at positions and velocities (N,)."""
+    """Row (N,) of a contact, and its coordinate and rate, at positions and velocities (N,)."""
     if isinstance(contact, CurvedContact):
         row = contact.function.gradient(x)
         return row, float(contact.function(x)), float(row @ v)
@@ -364,9 +368,9 @@ def seen_along(contact: Any, x: Array, v: Array) -> tuple[Array, float, float]:
 def apart(
     oscillator: DrivenStructure, element: int, others: Iterable[int], x: Array
 ) -> tuple[int, ...]:
-    """Of other stops those along rows that the stop and the ones before them do not hold.
+    """Of other stops, those whose rows are independent of the stop's row and of earlier ones.
 
-    At positions (N,).
+    Rows are taken at positions `x` (N,).
     """
     found, stops = [element], oscillator._stops
     if oscillator._bent:
@@ -380,7 +384,7 @@ def apart(
 
 
 def unlike(oscillator: DrivenStructure, element: int, others: Iterable[int]) -> tuple[int, ...]:
-    """Of other stops those along other rows than the stop and than each of the ones before them."""
+    """Of other stops, those whose rows differ from the row of the stop and of each earlier one."""
     found, stops = [element], oscillator._stops
     for k in others:
         if all(rides(oscillator._structure, [stops[j]], stops[k]) is False for j in found):
@@ -391,9 +395,10 @@ def unlike(oscillator: DrivenStructure, element: int, others: Iterable[int]) -> 
 def sticking(
     oscillator: DrivenStructure, x: Array, v: Array, turn: Array, touched: tuple[int, ...]
 ) -> tuple[int, ...]:
-    """Elements whose friction does not slip, but for rounding, and that the stops do not hold.
+    """Friction elements that do not slip, to rounding, on rows that the touched stops do not hold.
 
-    And soft stops with a preload on which a mass rests, if these act along no other element.
+    Also soft stops with a preload on which a mass rests, if no other element that may hold or stick
+    acts along the same row.
     """
     found, elements, normal = [], oscillator._elements, oscillator._automaton.parts.normal
     parts = oscillator._automaton.parts
@@ -422,7 +427,7 @@ def _binds(element: Element) -> bool:
 
 
 def _rests(oscillator: DrivenStructure, k: int, x: Array, v: Array, turn: Array) -> bool:
-    """Whether a gap and its rate are zero, but for rounding."""
+    """Whether the gap of element `k` and its rate are zero, to rounding."""
     element, function = oscillator._elements[k], oscillator._functions[k]
     row, swing = function.gradient(x), float(element.swing(*turn.tolist()))
     speed = float(element.swing_rate(oscillator.frequency, *turn.tolist()))
@@ -434,16 +439,19 @@ def _rests(oscillator: DrivenStructure, k: int, x: Array, v: Array, turn: Array)
 
 
 def _rounding(row: Array, part: Array) -> float:
-    """Size of what rounds a sum along a row: changes of coordinates mix all of them."""
+    """Size that scales the rounding errors of a sum along a row.
+
+    It contains the largest of all coordinates, since changes of basis mix them.
+    """
     return float(abs(row).sum() * abs(part).max())
 
 
 def _hidden(
     oscillator: DrivenStructure, k: int, slip: float, x: Array, v: Array, turn: Array
 ) -> float:
-    """The slip of friction that rounding hides in the sum that watches it; 0 where it is large.
+    """Slip velocity that rounding hides in the exponential sum of the slip; 0 for fast slip.
 
-    The terms of the sum may be large where all masses are at rest: those of the steady response.
+    Even if all masses are at rest, this sum may have large terms: those of the steady response.
     """
     free, automaton = oscillator._free, oscillator._automaton
     slow = oscillator.frequency * abs(x).max() + abs(v).max()
@@ -455,14 +463,15 @@ def _hidden(
 
 
 _SLOW = 1e-6
-"""Of the velocities of a machine: faster slip is never hidden."""
+"""Slip faster than this part of the machine's velocities is never hidden by rounding."""
 
 TOUCHED = 2.0**-46
-"""Of what a gap is the difference of: where it is zero, changes of coordinates leave less."""
+"""Relative size below which a gap or rate counts as zero, relative to the terms of its difference.
+Rounding errors of a change of basis are smaller."""
 
 
 def along(stop: HardStop, name: str) -> str:
-    """Of positions or velocities, by name, what a stop acts along."""
+    """Name of the coordinate along which a stop acts, for "position" or "velocity"."""
     given = stop.coordinate
     if isinstance(given, str):
         return f"{given} of the {name}"
@@ -474,9 +483,9 @@ def along(stop: HardStop, name: str) -> str:
 
 
 def packed(state: ImpactState) -> Array:
-    """All numbers of a state, (2N + 5,), and one for each element where more than one may hold.
+    """All numbers of a state, (2N + 2J + 5,), and one for each of `_holding` elements.
 
-    Two more for each slider.
+    N and J are the numbers of coordinates and of sliders.
     """
     motion = tuple(Motion).index(state.motion)
     own = [motion, state.element, state.speed, *state._turn.tolist()]
@@ -485,7 +494,7 @@ def packed(state: ImpactState) -> Array:
 
 
 def unpacked(oscillator: DrivenStructure, numbers: object) -> ImpactState:
-    """The state that `packed` turned into numbers."""
+    """The state with these numbers, made by `packed`."""
     n = oscillator._size
     array = finite_array("packed", numbers, (5 + 2 * n + oscillator._holding,))
     motion, element = tuple(Motion)[int(array[0])], int(array[1])

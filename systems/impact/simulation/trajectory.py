@@ -44,18 +44,18 @@ class Ending(Enum):
 class Events:
     """All events of a motion in the order of time: impacts, contacts, releases, other switches.
 
-    Their errors are those of the impacts of their record.
+    The errors of the record's impacts hold for the events as well.
 
     Attributes
     ----------
     time : (k,)
-        Times from the start. Contact that follows omitted bounces begins at the end of these.
+        Times from the start. Contact after omitted bounces begins at their end.
     kind : (k,) of int
-        0 for an impact, 1 for the begin of contact, 2 for its end, 3 for another change of regime,
-        as in ``systems.impact.elements.element.EventKind``.
+        0 for an impact, 1 for the beginning of contact, 2 for its end, 3 for another change of
+        regime, as in ``systems.impact.elements.element.EventKind``.
     element : (k,) of int
-        Number of the element: 0 is the table, 1 the far stop of a play; of ``elements`` the hard
-        stops come first, in their order, then the others.
+        Number of the element: 0 is the table, 1 the far stop of a play. Of ``elements``, the hard
+        stops come first in their order, then the others.
     mode : (k,) of int
         Number of the mode after the event; 0 is free flight.
     position, velocity : (k, N)
@@ -90,9 +90,9 @@ class Impacts:
     guard : (n,)
         Number of the guard that was zero at each impact.
     states : (n, 2, slots)
-        States just after them.
+        States just after the impacts.
     turn : (n, 2)
-        Sine and cosine of the phase where states do not hold them, else no rows.
+        Sine and cosine of the phase if states do not contain them, else no rows.
     """
 
     time: Array
@@ -134,7 +134,7 @@ class Switches:
     states: Array
 
     def until(self, count: int) -> Switches:
-        """The first changes, `count` of them."""
+        """The first `count` changes."""
         return Switches(*(array[:count] for array in vars(self).values()))
 
 
@@ -146,19 +146,19 @@ class Segments:
     Attributes
     ----------
     begin : (k,)
-        Times at which the segments begin.
+        Times at which the segments start.
     point : (k,)
         Number of impacts before the segment.
     mode, element : (k,)
-        Number of the mode, and of the element of the event at the begin.
+        Number of the mode, and of the element whose event starts the segment.
     guard : (k,)
-        Number of the guard of the event at the begin; for the start, one of its element.
+        Number of the guard of this event; for the start of the motion, a guard of its element.
     rest, speed : (k,)
-        Duration of the bounces omitted at the begin, and speed of the first of them.
+        Duration of the bounces omitted at the start of the segment, and speed of the first one.
     kind : (k,) of int
-        Kind of the event at the begin, see `EventKind`; the start counts as an impact.
+        Kind of the event, see `EventKind`; the start of the motion counts as an impact.
     states : (k, 2, slots)
-        States at the begin; slots beyond those of the mode hold zeros.
+        States at the start of the segment; slots beyond those of the mode hold zeros.
     """
 
     begin: Array
@@ -172,7 +172,7 @@ class Segments:
     guard: Indices
 
     def of(self, mode: Mode, some: Any) -> Array:
-        """States (n, 2, slots) at the begin of some segments, all in this mode."""
+        """States (n, 2, slots) at the start of some segments, all in this mode."""
         return np.ascontiguousarray(self.states[some, :, : mode.layout.slots])
 
 
@@ -182,13 +182,13 @@ class Trajectory:
     """Events of one motion: impacts, and switches between the modes of its oscillator.
 
     Points are the start and the impacts. Contact number k begins after point ``before[k]``.
-    Elements are numbered: hard stops first, 1 is the far stop of a play.
+    Elements are numbered with the hard stops first; the far stop of a play is number 1.
 
     Attributes
     ----------
     start, final : ImpactState
     log : Impacts
-        Empty unless stored.
+        Empty if impacts are not stored.
     switches : Switches
     regimes : tuple of tuple
         Regimes of all elements in each mode.
@@ -198,15 +198,17 @@ class Trajectory:
         Number of impacts, stored or not.
     ending : Ending
     chatter_error, cells, touches, seconds
-        Error of omitted bounces; search cells, touching impacts and seconds.
+        Error by omitted bounces, number of search cells, number of touching impacts, and wall-clock
+        time in seconds.
     longest : float
         Duration of the longest flight or contact.
     duration : float
         Time of the last event.
     searched : float
-        Time up to which no other event was found, where a motion by Taylor's method has no more.
+        Time up to which events were searched. It exceeds `duration` if Taylor's method has found no
+        further event.
     ambiguous : int
-        Number of impacts before the first one whose outcome is not unique; -1 where there is none.
+        Number of impacts before the first one whose outcome is not unique; -1 if all are unique.
     """
 
     start: ImpactState
@@ -227,12 +229,12 @@ class Trajectory:
     searched: float
 
     def _restored(self) -> Trajectory:
-        """The trajectory by the numbers that its oscillator now has for modes and guards.
+        """The trajectory, renumbered as its oscillator now numbers modes and guards.
 
         Raises
         ------
         ValueError
-            When the oscillator has no such modes and guards, or arrays do not fit together.
+            When the oscillator does not have these modes and guards, or arrays do not fit together.
         """
         self._refuse_misfits()
         automaton = self.start._system._automaton
@@ -260,7 +262,7 @@ class Trajectory:
         return replace(self, log=log, switches=switches, **own)
 
     def __reduce__(self) -> tuple[Any, ...]:
-        # the oscillator numbers its modes anew in another process
+        # In another process the oscillator may number its modes in another order.
         return _numbered, tuple(getattr(self, entry.name) for entry in fields(self))
 
     def _refuse_misfits(self) -> None:
@@ -286,19 +288,19 @@ class Trajectory:
                 raise ValueError(f"{name} must be numbers below {most}; got {numbers}")
 
     def part(self, low: int, high: int) -> Trajectory:
-        """The same trajectory with the impacts from number `low` to `high` - 1 only."""
+        """The same trajectory with only the impacts from number `low` to `high` - 1."""
         log = self.log.part(low, high)
         return replace(self, log=log, impacts=len(log.time))
 
     def holding(self, log: Impacts) -> Trajectory:
-        """The same trajectory with impacts that were simulated since, maybe in further modes."""
+        """The same trajectory with another log of impacts, which may be in modes built since."""
         automaton = self.start._system._automaton
         regimes, guards = tuple(automaton.regimes), automaton.table
         return replace(self, log=log, impacts=len(log.time), regimes=regimes, guards=guards)
 
     @property
     def counts(self) -> dict[str, int]:
-        """Numbers of impacts, search cells, contacts, and touches (impacts at double roots)."""
+        """Numbers of impacts, search cells, contacts and touches (impacts at double roots)."""
         contacts = len(self.before) if len(self.switches.time) else 0
         own = {"impacts": self.impacts, "cells": self.cells}
         return own | {"contacts": contacts, "touches": self.touches}
@@ -397,7 +399,7 @@ class Trajectory:
         return Segments(begin, point, mode, element, rest, speed, kind, states, guards)
 
     def closed(self, guard: int) -> list[int]:
-        """Numbers of the stops that are in contact in the mode of a guard."""
+        """Numbers of the elements that hold or stick in a guard's mode: see `Parts.holding`."""
         automaton = self.start._system._automaton
         held: list[int] = automaton.parts.holding(self.regimes[self.guards[guard, 0]])
         return held
@@ -418,7 +420,7 @@ class Trajectory:
 
     @cached_property
     def contacts(self) -> Array:
-        """Begin, after omitted bounces, and end (k, 2); an end that never comes is infinite."""
+        """Times of beginning, after omitted bounces, and end (k, 2); infinite if it never ends."""
         s = self.switches
         if not len(s.time):
             return np.empty((0, 2))
@@ -436,7 +438,7 @@ class Trajectory:
 
     @cached_property
     def _held(self) -> Any:
-        """Indices of the switches to contact."""
+        """Mask of the switches to contact."""
         return self.guards[self.switches.guard, 3] == EventKind.CONTACT
 
     @property
@@ -464,7 +466,7 @@ class Trajectory:
 
 
 def grouped(numbers: Indices) -> Iterator[tuple[int, Any]]:
-    """Each number (n,), and where it stands: everywhere, as a slice, if there is only one."""
+    """Each different value in numbers (n,), and its indices; a full slice if all are equal."""
     if len(numbers) and (numbers == numbers[0]).all():
         yield int(numbers[0]), slice(None)
         return
@@ -473,7 +475,7 @@ def grouped(numbers: Indices) -> Iterator[tuple[int, Any]]:
 
 
 def in_steps(count: int) -> Iterator[slice]:
-    """Slices of successive impacts, each of which is computed quickly."""
+    """Slices of at most `_ROWS` successive impacts."""
     return (slice(low, low + _ROWS) for low in range(0, count, _ROWS))
 
 

@@ -75,16 +75,16 @@ class TaylorAutomaton(JoinedModes):
             self.guards.append(guard)
 
     def turns(self, guard: Guard, x: Array, phase: float) -> tuple[float, float]:
-        """What friction along the row of a stop does in its bounces: see `Parts.turns`."""
+        """Effect on the bounces at a stop of friction along its row: see `Parts.turns`."""
         if not any(guard.rubbed):
             return 0.0, 0.0
         response = self.modes[guard.mode].response(guard.element, x, phase)
         return self.parts.turns(guard.rubbed, self._scene.rows_at(x) @ response)
 
     def outcome(self, guard: Guard, x: Array, phase: float) -> tuple[int, bool]:
-        """What an impact at positions (N,) and a phase opens or moves, -1 for none.
+        """The element that an impact at positions (N,) and a phase opens or moves; -1 for none.
 
-        And whether it pushes against a closed stop, or friction leaves its outcome open.
+        Then whether it pushes against a closed stop, or friction leaves its outcome open.
         """
         inertia = self._scene.inertia(x, phase)
         opens, ambiguous = self.parts.pushed(self.regimes[guard.mode], guard.element, inertia)
@@ -98,14 +98,14 @@ class TaylorAutomaton(JoinedModes):
         return self._rubs(guard, x, phase)[0]
 
     def _rubs(self, guard: Guard, x: Array, phase: float) -> tuple[tuple[Rub, ...], bool]:
-        """Friction at an impact there, and whether the masses leave its outcome open."""
+        """Friction at an impact at positions (N,), and whether mass coupling leaves it open."""
         mode, now = self.modes[guard.mode], self.regimes[guard.mode]
         mass, rows = self._scene.inertia(x, phase)
         found, open_ = rubbing(mass, rows, self._elements, self.parts, now, guard.element)
         return tuple(Rub(k, float(mode.takes(k, x, phase))) for k in found), open_
 
     def jams(self, guard: Guard, x: Array, phase: float) -> bool:
-        """Whether a stop there is hit along what others hold; kicks are not constant."""
+        """Whether a stop is hit along a row that others hold; used where rows or masses vary."""
         mode = self.modes[guard.mode]
         held = [*mode.held, *mode.sticking]
         if not held:
@@ -114,6 +114,6 @@ class TaylorAutomaton(JoinedModes):
         return depends(mass, rows[[*held, guard.element]])
 
     def coupled(self, guard: Guard, other: int, x: Array, phase: float) -> bool:
-        """Whether an impact there changes the rate of another stop's gap."""
+        """Whether an impact at positions (N,) changes the rate of another stop's gap."""
         mass, rows = self._scene.inertia(x, phase)
         return carries(mass, rows[other], self.modes[guard.mode].kick(guard.element, x, phase))

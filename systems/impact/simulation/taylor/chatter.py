@@ -1,4 +1,4 @@
-"""Which bounces of a chatter are left out, where flights are followed by Taylor's method."""
+"""Tests of whether the bounces of a chatter may be omitted, for flights by Taylor's method."""
 
 from __future__ import annotations
 
@@ -18,13 +18,13 @@ if TYPE_CHECKING:
     from dynkit.systems.impact.modes.taylor.mode import TaylorMode
 
 _SMALLEST = 1e-100
-"""Velocity below which a chatter is over, whatever is tolerated."""
+"""Velocity below which a chatter is over, for any tolerance."""
 
 _PLACE = 1000.0
-"""So many times the tolerance the place of the contact mass may be off in omitted bounces."""
+"""Largest error of the contact mass's position in omitted bounces, in units of the tolerance."""
 
 _TURN = 1e-4
-"""Distance over which the second difference of a kick is taken, of a velocity below one."""
+"""Second differences of a kick along the path have the time step _TURN / (1 + |v|)."""
 
 
 def chatter(
@@ -39,26 +39,27 @@ def chatter(
     rubs: Sequence[tuple[int, float]],
     turns: tuple[float, float],
 ) -> tuple[float | None, float]:
-    """Duration of the bounces of a gap from a velocity on, None where they are not over; the error.
+    """Duration of the bounces of a gap from velocity `u` on (None: do not omit them); the error.
 
-    With a contact acceleration a they last T = 2 u / (a (1 - r)). They are left out where a varies
-    by less than a (1 - r) / 4 over 2 T, and where that changes no position or velocity by more than
-    the tolerance, to leading order. For an impact law 1 - r is the share of the first bounce in all
-    of them.
+    With a contact acceleration a they last T = 2 u / (a (1 - r)). They are omitted if a varies by
+    less than a (1 - r) / 4 over 2 T, and if the omission changes no position or velocity by more
+    than the tolerance, to leading order. For an impact law 1 - r is the velocity of the first
+    bounce over the sum of the velocities of all bounces.
 
     Parameters
     ----------
     state : (2, N + 1)
         The state just after the impact.
     allowed : float
-        Tolerance of the change; with 0 none is left out.
+        Largest tolerated change of the state; with 0 no bounces are omitted.
     found : (order + 1,)
         Taylor coefficients of the gap.
     rubs : sequence of (int, float)
-        Friction at the impacts, and the most that it takes of its slip over the gap's rate.
+        Friction at the impacts: number, and largest change of slip over change of the gap's rate.
     turns : (float, float)
-        How much the gap's acceleration falls where friction along its row reverses, and the largest
-        acceleration that this friction holds. Beside such friction no bounces of a law are omitted.
+        Decrease of the gap's acceleration when friction along its row reverses, and the largest
+        acceleration that this friction holds. With such friction and an impact law, no bounces are
+        omitted.
     """
     a, (drop, hold) = -2.0 * float(found[2]), turns
     least, part, by_law = a - drop, _part(law, u), isinstance(law, ImpactLaw)
@@ -92,7 +93,7 @@ def chatter(
 
 
 def _part(law: Restitution, u: float) -> float:
-    """The velocity of a bounce over the sum of those of all bounces from this one on."""
+    """The velocity of a bounce over the sum of the velocities of all bounces from this one on."""
     return float(share(law, np.array([u]))[0]) if isinstance(law, ImpactLaw) else 1.0 - law
 
 
@@ -107,10 +108,11 @@ def disturbed(
     rubs: Sequence[tuple[int, float]],
     rubbed: Sequence[bool],
 ) -> bool:
-    """Whether bounces from a velocity on, over a duration, may take others to a switch.
+    """Whether the bounces of a chatter from velocity `u` on may make other elements switch.
 
-    Friction that rests in contact is `rubbed`, and no such other. Each of their impulses changes
-    what others watch: all of them less than twice their sum of it.
+    They have the duration `lasts`. Friction that is at rest in contact (`rubbed`) does not count.
+    In total the impulses of the bounces change another guard by less than twice the sum of their
+    velocities times its change by a unit jump.
     """
     (x, v), n, phase = mode.motion(state), mode.bodies, math.atan2(*state[:, -1])
     watched = [
@@ -136,10 +138,11 @@ def disturbed(
 def coupling(
     mode: TaylorMode, chart: Chart, k: int, state: Array, rubs: Sequence[tuple[int, float]]
 ) -> tuple[float, float]:
-    """Largest change by a brief excursion of a gap, over its integral; and the gap's drag.
+    """Largest change of the state by a brief excursion of a gap, over its integral; the gap's drag.
 
-    Positions of the others change by the derivative of their accelerations by the rate of the gap,
-    and their velocities by that by the gap, and by the first change times their dashpots.
+    Positions of the other coordinates change by the derivative of their accelerations by the gap's
+    rate. Their velocities change by the derivative of their accelerations by the gap, plus the
+    derivative by their velocities times the change of positions.
     """
     n, p, (x, v) = mode.bodies, chart.places[k], mode.motion(state)
     curved = bool(mode.scene.curves)
@@ -172,7 +175,7 @@ def coupling(
 def _along_function(
     mode: TaylorMode, k: int, state: Array, by_x: Array, by_v: Array
 ) -> tuple[float, float]:
-    """The same along a function of the coordinates: positions follow the kicks, which turn."""
+    """As `coupling`, along a function of the coordinates: kicks change direction with position."""
     (x, v), phase = mode.motion(state), math.atan2(*state[:, -1])
     kick, row = mode.kick(k, x, phase), mode.scene.rows_at(x)[k]
     moved, by_gap = by_v @ kick, by_x @ kick

@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 
 @final
 class Log:
-    """Impacts of a run, in the coordinates of their charts until all are known."""
+    """Impacts of a run, stored in the coordinates of their charts until all are logged."""
 
     def __init__(self, rows: int, mode: TaylorMode) -> None:
         self._mode, self._count = mode, 0
@@ -29,7 +29,7 @@ class Log:
     def note(
         self, time: float, speed: float, guard: int, chart: Chart, z: Array, turn: Any
     ) -> None:
-        """Note one impact."""
+        """Log one impact."""
         i = self._count
         self._z[i] = z
         self._rows.append((time, speed, *turn, guard))
@@ -38,7 +38,7 @@ class Log:
         self._count = i + 1
 
     def impacts(self) -> Impacts:
-        """The log in positions and velocities."""
+        """The log with states as positions and velocities."""
         count = self._count
         columns: Any = list(zip(*self._rows, strict=True)) or [()] * 5
         time, speed, *turns = np.array(columns[:4], dtype=float)
@@ -52,15 +52,17 @@ class Log:
 
 
 _FEW, _ROUNDING = 64, 64.0 * 2.0**-52
-"""A motion repeats itself if its state returns to this part of its size, after half as many further
-switches as there were until then, and there were so many at least."""
+"""Smallest number of switches after which repetition is tested, and largest change of a state that
+has returned, relative to the largest magnitudes of states."""
 
 
 def repeats(switches: Sequence[tuple[Any, ...]], count: int, *, phased: bool) -> bool:
     """Whether the last of `count` switches without an impact repeats an earlier one.
 
-    Of each switch item 4 is its guard, and item 5 the state (2, slots), with sine and cosine of the
-    phase in the last slot; `phased` says whether the motion depends on it.
+    The last switch is compared with switch number 2^k, the largest power of two up to `count`, if
+    at least half as many have followed. Item 4 of a switch is its guard, and item 5 the state (2,
+    slots), with sine and cosine of the phase in the last slot; `phased` says whether the motion
+    depends on the phase.
     """
     if count < _FEW:
         return False

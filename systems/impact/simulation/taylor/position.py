@@ -1,4 +1,4 @@
-"""Where a run by Taylor's method is: its mode, coordinates, phase and clock."""
+"""The present state of a run by Taylor's method: its mode, coordinates, phase and clock."""
 
 from __future__ import annotations
 
@@ -21,32 +21,34 @@ if TYPE_CHECKING:
     from dynkit.systems.impact.simulation.driven_structure import DrivenStructure
 
 FLIGHT, BOUNCED, SWITCHED, BOUNCES = range(4)
-"""Of each element: in flight; just after an impact, which may come to rest; just after a switch;
-just after an impact, and it does not come to rest."""
+"""How each element begins a flight: in flight; just after an impact, after which the mass may come
+to rest; just after a switch; just after an impact, and the mass does not come to rest."""
 
 MOTIONS = (Motion.FLIGHT, Motion.TABLE, Motion.RELEASE, Motion.TABLE)
 
 ABOVE = 1e-300
-"""Gap just after an impact: heyoka's search for roots takes an exact zero for the root."""
+"""Gap just after an impact. It is not zero because heyoka's root search would report an exact zero
+as the next root."""
 
 _RELEASED = 2.0**-80
-"""Gap after a release, and slip after a halt, relative to the largest coordinate and its change."""
+"""Gap after a release, and slip after a halt, relative to the largest coordinate and the largest of
+its Taylor terms over a period."""
 
 _TERMS = 3
-"""Order of the change of coordinates where velocities and accelerations may be zero."""
+"""Highest order of the Taylor terms in `_above`: velocities and accelerations may be zero."""
 
 _ROUNDS = 4
-"""Turns from coordinates to positions and back, after which rounding changes nothing."""
+"""Rounds from coordinates to positions and back at most; then rounding changes nothing."""
 
 _STEPS = 16.0
-"""Steps of a flight whose roundings the disturbance of one event covers."""
+"""Number of Taylor steps whose rounding errors are covered by the disturbance of one event."""
 
 _AHEAD = 1e-7, 1e-5, 1e-3
-"""Parts of a period after which the sign of a guard is looked at that is zero but for rounding."""
+"""Parts of a period after which the sign of a guard that is zero to rounding is determined."""
 
 
 class Position:
-    """Where a run is: the mode, its coordinates, the phase and the clock."""
+    """The present state of a run: the mode, its coordinates, the phase and the clock."""
 
     def __init__(
         self, oscillator: DrivenStructure, start: ImpactState, *, noise: float, seed: int
@@ -65,7 +67,7 @@ class Position:
         self._number = 0
 
     def _enter(self, x: Array, v: Array) -> None:
-        """Take positions and velocities into the coordinates of the present mode."""
+        """Convert positions and velocities to the coordinates of the present mode."""
         self._mode: TaylorMode = self._automaton.modes[self._number]
         v = v[: self._mode.bodies]
         for k in (*self._mode.held, *self._mode.sticking):
@@ -86,9 +88,10 @@ class Position:
         self._plain = all(guard.watch.event == IMPACT for guard in events)
 
     def _touch(self) -> None:
-        """Gaps of stops that were just left are exactly zero, and their rates are known.
+        """Set the gaps of stops that were just left to zero (`_above`), with their known rates.
 
-        So is what is left of the springs of sliders that are about to yield, or have just halted.
+        Likewise, the stretch that remains until a slider slides is set to zero if it is zero to
+        rounding: the slider is about to slide, or has just halted.
         """
         size = TOUCHED * float(abs(self._z[: self._half]).max())
         for k, place in self._chart.springs.items():
@@ -102,7 +105,10 @@ class Position:
                 self._z[self._half + self._chart.speeds[k]] = self._speed[k]
 
     def _afresh(self) -> None:
-        """Take the coordinates with which a run from this state begins, where some are doubled."""
+        """Take the coordinates with which a run from this state begins.
+
+        They may differ by rounding if some coordinates are redundant.
+        """
         soft = any(k >= len(self._oscillator._stops) for k in self._mode.scene.curves)
         carried = self._chart.springs or self._mode.scene.dragged or soft
         for _ in range(_ROUNDS if carried else 0):
@@ -113,13 +119,14 @@ class Position:
 
     @property
     def _half(self) -> int:
-        """The number of coordinates of positions, and of velocities."""
+        """Number of position coordinates, which are followed by as many velocities."""
         return len(self._z) // 2
 
     def _above(self, motion: int) -> float:
-        """A gap or slip that is zero: what rounding of accelerations takes away is far less.
+        """Positive value of a zero gap or slip, far larger than changes by rounding errors.
 
-        At rest at zero all coordinates vanish: what they change by in a period counts as well.
+        After a switch it is relative to the coordinates and to their changes over a period, since
+        all coordinates vanish at rest at the origin.
         """
         if motion != SWITCHED:
             return ABOVE
@@ -140,9 +147,10 @@ class Position:
         return self._mode.state(*self._place(), *self._turn)
 
     def _disturb(self) -> None:
-        """Change all numbers by pseudo-random parts of themselves, and the phase.
+        """Change all coordinates by pseudo-random parts of themselves, and disturb the phase.
 
-        The parts grow with the number of steps of the last flight, each of which is rounded.
+        The parts grow with the number of steps of the last flight, each of which has rounding
+        errors.
         """
         if self._noise:
             noise = self._noise * max(1.0, self._steps / _STEPS)
@@ -152,7 +160,7 @@ class Position:
             self._turn = s + angle * c, c - angle * s
 
     def _pass(self, duration: float) -> None:
-        """Let time pass: the clock, in double-double, and the phase."""
+        """Advance the time, in double-double, and the phase by a duration."""
         self._longest = max(self._longest, duration)
         total = self._time + duration
         back = total - self._time
@@ -167,9 +175,10 @@ class Position:
         self._turn = s * factor, c * factor
 
     def _onto(self, k: int, x: Array, v: Array, speed: float) -> tuple[Array, Array]:
-        """Positions (N + J,) and velocities (N,) on an element along a function.
+        """Put positions (N + J,) and velocities (N,) onto an element along a function.
 
-        The gap of a stop has a rate; friction sticks where it is.
+        The gap of a stop becomes zero with the rate `speed`. For friction, only the slip velocity
+        is set, and positions stay.
         """
         x, v, scene = x.copy(), v.copy(), self._mode.scene
         place, moving, _ = scene.prescribed(k, *self._turn)
@@ -180,7 +189,7 @@ class Position:
         return x, v
 
     def _hold(self, k: int, still: Sequence[int]) -> None:
-        """Put a stop that is hit, and friction that the impact stops, exactly there."""
+        """Put the state exactly onto a stop that is hit, and stop the slip of friction exactly."""
         curved = [j for j in (k, *still) if j in self._chart.curves]
         if not curved:
             return
@@ -191,13 +200,16 @@ class Position:
         self._touch()
 
     def _again(self, element: int) -> None:
-        """In another mode, what did not come to rest may do so."""
+        """After a change of mode, let masses come to rest on stops where they did not before."""
         for k, motion in enumerate(self._motion):
             if motion == BOUNCES and k != element:
                 self._motion[k] = BOUNCED
 
     def _canonical(self, k: int) -> None:
-        """The coordinates that a simulation from this state would begin with."""
+        """Take the coordinates with which a simulation would begin from this state.
+
+        All other stops and sliders are in flight there. Element `k` was hit.
+        """
         for j, motion in enumerate(self._motion):
             moves = j < len(self._oscillator._stops) or j in self._chart.springs
             if j != k and motion != FLIGHT and moves:
@@ -209,7 +221,7 @@ class Position:
         self._afresh()
 
     def _gaps(self) -> dict[int, tuple[float, float]]:
-        """Gaps of stops in flight, and their rates: positions have fewer digits."""
+        """Gaps of stops in flight, and their rates; from positions they would have fewer digits."""
         chart, z = self._chart, self._z
         flying = (k for k in chart.places if self._motion[k] == FLIGHT)
         return {
@@ -217,7 +229,7 @@ class Position:
         }
 
     def _keep(self, gaps: dict[int, tuple[float, float]]) -> None:
-        """Take these gaps and rates in another mode, of stops that do not hold there."""
+        """Set these gaps and rates in another mode, for stops that do not hold there."""
         chart = self._chart
         for k, (gap, rate) in gaps.items():
             if k in chart.places and k not in self._mode.held:
@@ -226,7 +238,7 @@ class Position:
     def _kick(self, k: int) -> Array | None:
         """Change (N,) of the velocity coordinates by a unit jump of the rate of a gap.
 
-        None where no other one changes.
+        None if no other velocity coordinate changes.
         """
         if k in self._kicks:
             return self._kicks[k]
@@ -249,10 +261,10 @@ class Position:
             return float(self._z[self._half + self._chart.speeds[k]])
         return float(self._mode.gap(k, *self._bodies(), *self._turn)[1])
 
-    # --- what is zero at an event -----------------------------------------------------------------
+    # --- guards that are zero at an event ---------------------------------------------------------
 
     def _falls(self, i: int) -> bool:
-        """Whether a guard that is zero but for rounding becomes negative: there is no crossing."""
+        """Whether a guard that is zero to rounding becomes negative, without a sign change."""
         coefficients = self._chart.coefficients(self._z, *self._turn)
         for part in _AHEAD:
             time = part * self._period
@@ -268,8 +280,8 @@ class Position:
     def _jumped(self, apart: Sequence[int]) -> int | None:
         """A guard that is negative at a start, or just after an event; None if none.
 
-        What has just come to a halt is looked at first: where it slips on, others may stick that
-        would not if it stuck.
+        Guards of the element of the latest event are tested first: if an element that has just
+        halted slips on, others may stick that would not do so if it stuck.
         """
         state, guards, count = self._state(), self._mode.guards, len(self._motion)
         for i in sorted(range(len(guards)), key=lambda i: (guards[i][0] - self._latest) % count):
@@ -284,7 +296,7 @@ class Position:
         return None
 
     def _presses(self, k: int) -> bool:
-        """Whether a stop that is touched without a rate holds: by the gap's next derivative."""
+        """Whether a stop with a zero gap and rate holds, by the sign of the next derivative."""
         found = self._chart.coefficients(self._z, *self._turn)[self._chart.places[k]]
         a, pushes, given = self._mode.balance(self._state())
         x, v = self._bodies()
@@ -299,7 +311,7 @@ class Position:
         return True
 
     def _slow(self, k: int, change: float, stops: bool) -> None:
-        """Change the slip velocity of friction by an impulse, which may stop it."""
+        """Change the slip velocity of friction by an impulse, which may stop the slip."""
         kick, place = self._kick(k), self._half + self._chart.speeds[k]
         if kick is None:
             self._z[place] += change
@@ -310,7 +322,7 @@ class Position:
             self._z[place] = 0.0
 
     def _appear(self, before: int) -> None:
-        """Stops that are no longer lain at have gaps of zero, at rest."""
+        """Where friction no longer holds a mass at an open stop, set the gap to zero, at rest."""
         lain = [
             self._automaton.parts.lain(self._automaton.regimes[m]) for m in (before, self._number)
         ]
@@ -319,7 +331,7 @@ class Position:
                 self._motion[k], self._speed[k] = BOUNCED, 0.0
 
     def _slide(self, before: int, *, halts: bool) -> None:
-        """Note which sliders another mode begins to hold, or lets slide; and whether at rest."""
+        """Mark the sliders whose regimes change with the mode; their speed is zero if one halts."""
         regimes = self._automaton.regimes
         for j in self._automaton.parts.sliders:
             if regimes[before][j] != regimes[self._number][j]:

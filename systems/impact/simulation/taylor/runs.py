@@ -34,29 +34,29 @@ _PERIODS = 1000.0
 """Periods of the forcing without an event after which a run ends, with `Ending.SEARCH_LIMIT`."""
 
 _BRIEF = 1e-8, 1e-4
-"""Parts of a period at which the first steps of a flight end, as a guard may soon be zero."""
+"""Parts of a period at which the first Taylor steps of a flight end: a guard may soon be zero."""
 
 _SLOW, _LOW = 0.05, 100.0
-"""Impacts are looked at as parts of a chatter where they are slower than this part of the stop's
-largest velocity, or than so many times the cubic root of the tolerance."""
+"""Impacts are tested for the end of a chatter if they are slower than this part of the largest stop
+velocity, or slower than this number times the cubic root of the tolerance."""
 
 _AT_ONCE, _SWITCHES = 1000, 1 << 16
-"""Impacts in no time, for each element, and switches without an impact, after which a run ends."""
+"""Limits that end a run: impacts in no time (for each element), switches without an impact."""
 
 _TOGETHER = 64.0 * 2.0**-52
-"""Part of the time within which events are at once."""
+"""Events are simultaneous if they are closer than this part of the time since the start."""
 
 _PACE = 0.4
-"""Steps of a twin run over the longest step of Taylor's method."""
+"""Length of the steps of a disturbed run, relative to the longest step of Taylor's method."""
 
 
 @final
 class TaylorCourse(Position):
-    """A simulation that can be continued in pieces; its bits do not depend on the pieces.
+    """A simulation that can be continued in pieces; the pieces do not change a bit of the result.
 
     `noise` is the relative size of pseudo-random disturbances of the start and of the states after
-    events. A disturbed run also takes shorter steps of Taylor's method, so that its distance shows
-    the errors of the method as well.
+    events. A disturbed run also takes shorter steps of Taylor's method, so that its distance to the
+    undisturbed run includes the errors of the method.
 
     Attributes
     ----------
@@ -79,7 +79,7 @@ class TaylorCourse(Position):
         self._laws = [stop.restitution for stop in oscillator._stops]
         self._several = len(self._laws) > 1
         self._strobed = oscillator._strobed and not oscillator._cycled
-        # Faster impacts than a part of this speed are no chatter.
+        # Only impacts slower than `_slowly` are tested for the end of a chatter.
         moved = max((stop.amplitude for stop in oscillator._stops), default=0.0)
         slow = max(_SLOW * moved * oscillator.frequency, _LOW * self._tolerance ** (1.0 / 3.0))
         self._slowly = slow if moved else math.inf
@@ -94,7 +94,7 @@ class TaylorCourse(Position):
         self._enter(*start._coordinates)
         for k in start.closed:
             while self._jumps(start.closed):
-                pass  # what sticks or holds bears the forces of others from the start
+                pass  # elements that stick or hold bear the forces of others from the start
             self._close(k)
         self._disturb()
 
@@ -141,7 +141,7 @@ class TaylorCourse(Position):
         return log.impacts()
 
     def _next(self) -> int | None:
-        """Settle, fly, and enter another mode where the guard is no impact: see `_fly`."""
+        """Settle, fly to the next guard, and enter its mode if it is no impact: see `_fly`."""
         self._settle()
         number = self._fly() if self.ending is Ending.COUNT_REACHED else None
         if number is None or number < 0:
@@ -153,7 +153,7 @@ class TaylorCourse(Position):
         return number
 
     def _fly(self) -> int | None:
-        """Fly to the next guard; -1 where a period of the section ends; None where a run ends."""
+        """Fly to the next guard, return its number; -1 at the end of a period; None if none."""
         strobed = self._strobed
         if (self._several or not self._plain) and (number := self._struck()) is not None:
             return number
@@ -177,7 +177,7 @@ class TaylorCourse(Position):
         if duration > 2.0**-52 * self._time:
             self._motion, self._at_once = [FLIGHT] * len(self._motion), 0
         if index == -1:
-            # The duration of a period is rounded, in all periods alike.
+            # The rounding error of the period's duration is the same in all periods.
             self._z, self._remaining = end, self._period
             self._turn = self._noise * self._late, 1.0
             self._afresh()
@@ -186,13 +186,13 @@ class TaylorCourse(Position):
         return int(self._first + index)
 
     def _goes_back(self, i: int, duration: float) -> bool:
-        """Whether what has just switched is at zero once more but for rounding."""
+        """Whether the guard of an element that has just switched is zero again by rounding only."""
         k, watch = self._mode.guards[i]
         just = self._motion[k] == SWITCHED and duration < _BRIEF[0] * self._period
         return just and watch.event == SWITCH and not self._falls(i)
 
     def _early(self, longest: float) -> list[float]:
-        """Durations at which the first steps of a flight end, below the longest."""
+        """Durations, below the longest, at which the first Taylor steps of a flight end."""
         most = longest if self._plain and self._chart.curves else _BRIEF[1] * self._period
         early = [self._bounce] if 0.0 < self._bounce < min(most, longest) else []
         if self._plain:
@@ -200,7 +200,7 @@ class TaylorCourse(Position):
         return sorted(early + [t for part in _BRIEF if (t := part * self._period) < longest])
 
     def _struck(self) -> int | None:
-        """The guard of a stop that is touched and whose gap closes; None for none."""
+        """The guard of a stop that is touched and whose gap closes; None if there is none."""
         state = self._state()
         for i, (k, watch) in enumerate(self._mode.guards):
             if watch.event == IMPACT:
@@ -210,7 +210,7 @@ class TaylorCourse(Position):
         return None
 
     def _note(self, number: int, rest: float, speed: float) -> None:
-        """Note a change of the mode."""
+        """Log a change of the mode; end the run if switches repeat, or are too many."""
         self._switches.append((self._time, rest, speed, self.impacts, number, self._state()))
         if self.impacts != self._since:
             self._since, self._last_switches = self.impacts, len(self._switches)
@@ -252,14 +252,14 @@ class TaylorCourse(Position):
         self._note(number, 0.0, 0.0)
 
     def _hit(self, number: int) -> int:
-        """Newton's law of impact at a guard; the guard's number, in the mode after it."""
+        """Apply Newton's law of impact at a guard; return the guard's number in the next mode."""
         automaton, self._bounce = self._automaton, 0.0
         guard = automaton.guards[number]
         k = guard.element
         opens, ambiguous = self._outcome(guard)
         if len(self._motion) > 1 and (ambiguous or self._together(guard)):
             self._ambiguous = self.impacts if self._ambiguous < 0 else self._ambiguous
-        while opens >= 0:  # what the impact pulls away from is released first
+        while opens >= 0:  # stops that the impact opens are released first
             self._change(automaton.guard(self._number, opens), moved=BOUNCED)
             number = automaton.guard(self._number, k)
             guard = automaton.guards[number]
@@ -306,7 +306,7 @@ class TaylorCourse(Position):
         return found
 
     def _tails(self, rubs: Sequence[Rub], series: Array, k: int) -> Any:
-        """Changes of slip as contact takes the place of bounces, and their error; None if open."""
+        """Changes of slip when contact replaces bounces, and their error; None if undecided."""
         found, error, u = list[tuple[int, float, bool]](), 0.0, self._speed[k]
         r: Any = self._laws[k]
         second = 2.0 * float(series[self._chart.places[k], 2])
@@ -327,7 +327,7 @@ class TaylorCourse(Position):
         return float(law.at([speed])[0]) if speed > 0.0 else 0.0
 
     def _together(self, guard: Any) -> bool:
-        """Whether another stop, which an impact pushes or pulls, is reached, too."""
+        """Whether another stop is also reached, and the impact changes the rate of its gap."""
         state, where = self._state(), self._where()
         for i, (j, watch) in enumerate(self._mode.guards):
             if j != guard.element and watch.event == IMPACT:
@@ -341,16 +341,16 @@ class TaylorCourse(Position):
         return self.ending is Ending.JAMMED
 
     def _outcome(self, guard: Any) -> tuple[int, bool]:
-        """What an impact opens or moves, and whether it pushes against a closed stop."""
+        """The element that an impact opens or moves, and whether its outcome is ambiguous."""
         if self._fixed:
             return guard.opens, guard.ambiguous
         found: tuple[int, bool] = self._automaton.outcome(guard, *self._where())
         return found
 
-    # --- what follows an event at once ------------------------------------------------------------
+    # --- changes immediately after an event -------------------------------------------------------
 
     def _settle(self) -> None:
-        """Enter modes until no guard is negative, and nothing that bounced comes to rest."""
+        """Enter modes until no guard is negative, and contact at stops that were hit is decided."""
         while self.ending is Ending.COUNT_REACHED:
             if self._jumps():
                 continue
@@ -365,7 +365,7 @@ class TaylorCourse(Position):
             self._rest(bounced)
 
     def _jumps(self, apart: Sequence[int] = ()) -> bool:
-        """Enter the mode of a negative guard, if there is one, but of elements apart."""
+        """Enter the mode of a negative guard, if there is one; ignore the elements in `apart`."""
         number = None if self._plain else self._jumped(apart)
         if number is None:
             return False
@@ -376,7 +376,7 @@ class TaylorCourse(Position):
         return True
 
     def _rest(self, k: int) -> None:
-        """Decide whether a stop that has just been hit holds: enter contact if it does."""
+        """Decide whether a stop that has just been hit holds; if it does, enter contact."""
         chart, u = self._chart, self._speed[k]
         self._motion[k] = BOUNCES
         if u >= self._slowly:
@@ -391,7 +391,7 @@ class TaylorCourse(Position):
         rest: float | None = None
         lost, guard = 0.0, self._automaton.guards[number]
         loose = False
-        if u == 0.0:  # friction decides only what contact leaves to it
+        if u == 0.0:  # friction is decided only after contact has begun
             loose = any(
                 r and m != SWITCHED for r, m in zip(guard.rubbed, self._motion, strict=True)
             )
