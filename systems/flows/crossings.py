@@ -17,19 +17,21 @@ from dynkit.systems.flows.integration import Step, Velocity
 if TYPE_CHECKING:
     from dynkit.dynamics.section import PoincareSection
 
-# A step is looked at in so many cells: the section's value has one extremum at most in each.
+# Number of cells of a step: in each the section's value is assumed to have one extremum at most.
 _CELLS = 4
-# On the section, to rounding: `dynkit.testing.lift_lands_on_the_section` allows as much.
+# A state is on the section if its value, over the reach, is at most this: a rounding error, which
+# `dynkit.testing.lift_lands_on_the_section` allows as well.
 ON_SECTION = 1e-13
 # A motion that turns back within this distance of the section, in units of the reach, grazes it.
 _GRAZING = 1e-10
-# Newton's method needs a handful; bisection, where that does not converge, as many as bits.
+# Largest number of iterations: Newton's method needs a few; bisection, where Newton's method does
+# not converge, about as many as a number has bits.
 _ITERATIONS = 60
 
 
 @dataclass(slots=True)
 class Look:
-    """The section as seen from the motion; its value counts positive beyond it."""
+    """Value and rate of a section at a state of the motion; the value is positive beyond it."""
 
     time: float
     state: Array
@@ -40,7 +42,7 @@ class Look:
 
     @property
     def reach(self) -> float:
-        """How large the value's terms are: its rounding is relative to it."""
+        """Size of the value's terms, to which its rounding error is relative."""
         steepness = float(np.linalg.norm(self.gradient))
         return steepness * (1.0 + float(np.linalg.norm(self.state)))
 
@@ -51,11 +53,11 @@ class Look:
 
     @property
     def behind(self) -> bool:
-        """Whether the section is clearly still to come."""
+        """Whether the state is before the section by more than rounding."""
         return self.value < 0.0 and self.value < -ON_SECTION * self.reach
 
     def turns_before(self, after: Look) -> bool:
-        """Whether the value has an extremum until another look that may tell more than the two."""
+        """Whether an extremum between this look and a later one may show a crossing or grazing."""
         if self.rate * after.rate >= 0.0:
             return False
         if self.value >= 0.0 and after.value >= 0.0:
@@ -68,12 +70,12 @@ class Look:
 def checked_search(
     flow: Flow, state: Array, section: PoincareSection, time_limit: float
 ) -> tuple[Array, float]:
-    """Return the start and the time limit of a search, once all arguments fit the flow.
+    """Return the start and the time limit of a search after a check of all arguments.
 
     Raises
     ------
     ValueError
-        When the state, the dimension of the section or the time limit does not.
+        When the state, the dimension of the section or the time limit does not fit the flow.
     """
     start = flow._checked(state)
     if section.dimension != flow.dimension:
@@ -85,9 +87,9 @@ def checked_search(
 
 @dataclass(frozen=True)
 class Search:
-    """The search for the first crossing of a section by the motion that a velocity makes.
+    """The search for the first crossing of a section by the motion with a given velocity.
 
-    Its `steps` go from a start, (d,), on for a duration.
+    `steps` takes a start, (d,), and a duration, and yields the steps of the integrator.
     """
 
     velocity: Velocity
@@ -97,13 +99,13 @@ class Search:
     def first(self, start: Array, time_limit: float) -> Crossing:
         """Return the first crossing after the start, (d,).
 
-        What counts is a motion that was clearly behind the section and then is not: neither a start
-        on the section nor rounding beside it is a crossing.
+        A crossing needs a state before the section by more than rounding, and a later state on or
+        beyond it. A start on the section is no crossing, and rounding near the section is none.
 
         Raises
         ------
         NoCrossing
-            When there is none within the time limit, or as far as the motion can be followed.
+            When there is none within the time limit, or until the motion cannot be followed.
         """
         last = self._look(0.0, start)
         armed, away, grazes = last.behind, not last.near, False
@@ -121,7 +123,7 @@ class Search:
             raise NoCrossing(
                 f"no crossing within {time_limit}: the motion cannot be followed {end}"
             ) from end
-        # such as after jumps that come ever faster, whose height is lost in rounding in the end
+        # armed is false e.g. after ever faster jumps, whose heights become smaller than rounding
         why = "" if armed else ": the motion was never clearly before the section"
         if grazes:
             why = ": the motion grazes the section and turns back"
@@ -133,7 +135,7 @@ class Search:
         return Look(time, state, sign * self.section.value(state), sign * rate, gradient)
 
     def _looks(self, step: Step, begin: Look) -> Iterator[Look]:
-        """Looks at the ends of a step's cells, and at the extremum in each where it may matter."""
+        """Yield looks at the ends of a step's cells, and at extrema that may show a crossing."""
         if step.avoids(self.section, begin.value):
             yield self._look(step.time, step.state)
             return
@@ -148,7 +150,7 @@ class Search:
     def _extremum(self, step: Step, before: Look, after: Look) -> Look:
         from scipy.optimize import brentq
 
-        # by table at the ends, where rounding might change a sign
+        # known rates at the ends: computed again, rounding might change their signs
         rates = {before.time: before.rate, after.time: after.rate}
         time = brentq(
             lambda t: rates[t] if t in rates else self._look(t, step.path(t)).rate,
@@ -161,29 +163,29 @@ class Search:
         return look
 
     def _landed(self, step: Step, before: Look, after: Look) -> Crossing | None:
-        """Return the crossing between two looks, on the motion itself and not on its interpolation.
+        """Return the crossing between two looks, refined by integration, not by interpolation.
 
-        None when the interpolation reaches the section and the motion does not: the two are as near
-        to a tangency as the integration's error.
+        None if the interpolation reaches the section and the integrated motion does not. Then the
+        motion is tangent to the section up to the error of integration.
         """
-        # times since the step began: they resolve more than times since the start
+        # times since the begin of the step have a finer resolution than times since the start
         low, high = before.time - step.begin, after.time - step.begin
         guess = self._root(lambda t: step.path(step.begin + t), 0.5 * (low + high), low, high)
         hit = self._root(step.cut_short, guess.time, low, high)
-        # at the section a coordinate is zero whose rounding is that of the way there
+        # a coordinate that is zero at the section has the rounding error of its larger values
         reach = max(before.reach, hit.reach, after.reach)
         if hit.value < -ON_SECTION * reach:
             return None
         time, state = step.begin + hit.time, hit.state
         if abs(hit.value) > ON_SECTION * hit.reach and hit.rate > 0.0:
-            # times are too coarse to end on the section
+            # the resolution of times is too coarse: one step of Newton's method on the state
             state = state - hit.value / hit.rate * self.velocity(state)
         return Crossing(time, state)
 
     def _root(
         self, state_at: Callable[[float], Array], time: float, low: float, high: float
     ) -> Look:
-        """Return the look whose value is nearest to zero: Newton's method, kept in a bracket."""
+        """Return the look whose value is nearest to zero, by Newton's method in a bracket."""
         best = self._look(time, state_at(time))
         here = best
         for _ in range(_ITERATIONS):
