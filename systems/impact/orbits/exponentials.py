@@ -84,7 +84,7 @@ def gained(flows: Any, states: Array, times: Array, measures: Array) -> Array:
 
 
 def _beside(flows: Any, some: NDArray[np.intp]) -> Array:
-    """Real matrices of states and their changes together; the changes are driven by `some`."""
+    """Real matrices that propagate changes of states together with the coordinates `some`."""
     d, size = flows.shape[1], flows.shape[1] + len(some)
     out = np.zeros((len(flows), size, size))
     out[:, :d, :d], out[:, :d, d:] = flows.real, flows.imag[:, :, some] / STEP

@@ -86,9 +86,9 @@ def _law_numbers(element: Element) -> Mapping[str, float]:
 def change_of(numbers: Callable[[float], Array], value: float) -> tuple[Array, bool]:
     """Derivative of numbers by a parameter, and whether they are linear in it.
 
-    Differences of linear numbers are exact for any step. Steps towards zero come first, since they
-    stay in the range of most parameters; steps away from zero follow. Each number has its own unit,
-    and its derivative is accurate relative to this unit.
+    Differences of linear numbers are exact for any step. Steps are towards zero, where most
+    parameters stay in their range, or else away from zero. Each number has its own unit, to which
+    the error of its derivative is relative.
     """
     here = numbers(value)
     step = -0.25 * np.copysign(2.0 ** np.floor(np.log2(abs(value))), value) if value else 0.25
@@ -436,9 +436,9 @@ class Machine:
 
     @kept
     def _pushed(self, mode: Regimes, element: int) -> tuple[Any, Any]:
-        """Changes of the state, (D,), and of the gap rate by a unit impulse; held rates stay zero.
+        """Changes of the state, (D,), and of the gap rate by a unit impulse that opens the gap.
 
-        The gap rate is without the sign of the element.
+        The rates of held elements stay zero.
         """
         n, rows, own = self.size, self._rows(mode.held), self._along[element]
         response = np.linalg.solve(self.mass, np.vstack([own, rows]).T)
@@ -482,11 +482,11 @@ class Machine:
 
     @kept
     def caught(self, mode: Regimes, after: Regimes) -> Any:
-        """Matrix (D, D) of an event from one mode to another, impacts excluded.
+        """Matrix (D, D) with which mode `after` begins at an event that ends `mode`.
 
-        If more elements hold or stick after the event, impulses along all held elements, with the
-        friction that slips then, make their relative velocities zero. Sliders are put in place by
-        `slid`.
+        If more elements hold or stick in `after`, impulses along all its held elements, with the
+        friction that slips then, make their relative velocities zero. Then `slid` places sliders.
+        The impulse of an impact is not part of this matrix.
         """
         out: Any = np.eye(len(self._given[0]))
         if set(after.held) - set(mode.held):

@@ -212,7 +212,8 @@ class ImpactOrbit(KeptSolution, PeriodicOrbit):
     def multipliers(self) -> Any:
         """Floquet multipliers, (2N + J,) complex with J sliders, the largest modulus first.
 
-        There is one fewer for each direction along which the machine progresses: see `progression`.
+        Each direction along which the machine progresses reduces their number by one: see
+        `progression`.
 
         They are those of the impact map, which equal those of the flow over the whole period. For
         P(inf,m) two are zero, since gap and rate are zero in contact, whatever they were before.

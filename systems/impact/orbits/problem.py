@@ -146,7 +146,8 @@ class ImpactProblem(PeriodicProblem, WatchedProblem):
         Raises
         ------
         ValueError
-            When the oscillator has no such parameter, or nothing drives it and this one would.
+            When the oscillator has no such parameter, or when it is undriven and the parameter is
+            an amplitude, which would drive it.
         """
         for name in names:
             value = self.oscillator.value_of(name)
@@ -224,7 +225,7 @@ class ImpactProblem(PeriodicProblem, WatchedProblem):
 
     @property
     def dimension(self) -> int:
-        """Number 2N + J of positions, velocities, and places of sliders."""
+        """Number 2N + J of positions, velocities, and positions of sliders."""
         return self.oscillator.degrees_of_freedom + self.oscillator._size
 
     @cached_property
@@ -254,7 +255,7 @@ class ImpactProblem(PeriodicProblem, WatchedProblem):
 
     @property
     def _flights(self) -> Sequence[Regimes]:
-        """The modes in which flights are followed by Taylor's method."""
+        """The modes whose flights are computed by Taylor's method."""
         smooth = self.oscillator._motion is not None
         return sorted({event.mode for event in self.itinerary}) if smooth else ()
 

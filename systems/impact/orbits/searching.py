@@ -193,7 +193,7 @@ def _add_returns(
 def _near(
     record: ImpactRecord, place: int, impacts: int, periods: int
 ) -> tuple[ItineraryEquations, Array] | None:
-    """Return equations and unknowns of P(n,m) near some impacts; None if these take m periods."""
+    """Return equations and unknowns of P(n,m) near some impacts; None if these span m periods."""
     part = slice(place, place + impacts)
     phases = record.phase[place] + record.system.frequency * (
         record.time[part] - record.time[place]

@@ -269,7 +269,7 @@ class Beginning(_WhereItBegins):
         return float(sign * value / (abs(row) @ solution.measures))
 
     def name(self, solution: ItinerarySolution) -> str:  # noqa: ARG002
-        """What happens, in the field's words."""
+        """Name of the event at this border, as in the literature."""
         if self.kind is BifurcationKind.CB:
             return "contact"
         return "switching-sliding" if self.begun.sign > 0.0 else "crossing-sliding"
@@ -312,7 +312,7 @@ class VanishingInterval(Border):
         return float(solution.event_phases[self.part]), solution.itinerary[self.part].element
 
     def name(self, solution: ItinerarySolution) -> str:
-        """What happens, in the field's words."""
+        """Name of the event at this border, as in the literature."""
         first, second = self._events(solution.itinerary)
         elements = solution.oscillator._elements
         if first.element != second.element or first.element < 0:
@@ -420,7 +420,7 @@ class TouchingGuard(Touching):
         return float(own[0]), self.side
 
     def name(self, solution: ItinerarySolution) -> str:
-        """What happens, in the field's words."""
+        """Name of the event at this border, as in the literature."""
         element = solution.oscillator._elements[self.side]
         if not (element.slider or any(regime.sticks for regime in element.regimes)):
             return "grazing"

@@ -316,10 +316,10 @@ class ItineraryEquations(ImpactProblem):
         return same, np.concatenate([phases[order], impulses[order]])
 
     def proper(self, x: Array) -> bool:
-        """Whether no impulse is rounding, and no impact of a stop is simultaneous with another.
+        """Whether no impulse is rounding, and simultaneous impacts are of stops that commute.
 
         Without rebound an additional impact of zero impulse, just after any impact, would solve
-        the equations too.
+        the equations too. An orbit P(inf,m) must also have a small estimated error.
         """
         phases, impulses, _ = self.layout.split(x)
         if self.sticks:
