@@ -81,8 +81,8 @@ class ImpactProblem(PeriodicProblem, WatchedProblem):
     a chatter are events; its other impacts, until contact, are simulated. Then the nodes are the
     releases. Where nothing drives the machine the first event is at phase 0. Then the first unknown
     is the time of one turn of the phase, and the orbit takes `periods` turns. The equations do not
-    demand open gaps between the events or positive impulses. Where a guard is zero by itself at the
-    event before, the equation is a divided difference: see `divided.pairs`.
+    demand open gaps between the events or positive impulses. Where a guard is zero at an earlier
+    event for any motion, the equation is a divided difference: see `divided.pairs`.
 
     The itinerary is a tuple of `Happening`. `sizes` are those of positions and velocities. `nodes`
     are the numbers of the events that are nodes.
@@ -245,7 +245,7 @@ class ImpactProblem(PeriodicProblem, WatchedProblem):
 
     @cached_property
     def pairs(self) -> list[divided.Pair | None]:
-        """For each event the earlier event at which its guard is zero by itself, or None."""
+        """For each event the earlier event at which its guard is zero for any motion, or None."""
         return divided.pairs(self.oscillator, self.itinerary, self._names)
 
     @cached_property

@@ -93,7 +93,7 @@ def borders_of(problem: Any, s: ItinerarySolution) -> Iterator[Border]:
 
 @final
 class LawJump(OfImpact):
-    """The approach velocity of an impact is jump number `side` of the impact law."""
+    """The approach velocity of an impact is that of jump number `side` of the impact law."""
 
     def value(self, solution: Any) -> float:
         i, k = solution.hits[self.number], self.number
@@ -394,7 +394,7 @@ class TouchingGuard(Touching):
             return math.nan
         curve = self.curve(solution)[0]
         if curve.lasts <= AT_ONCE * solution.period:
-            return math.nan  # between simultaneous events the minimum is rounding
+            return math.nan  # between simultaneous events the minimum is a rounding error
         if not solution.blind:
             # without rebound the gap's acceleration may be negative just after the impact
             return (
@@ -404,7 +404,7 @@ class TouchingGuard(Touching):
             )
         event = solution.itinerary[self.part]
         if event.element == self.side and self.part in solution.course.releases:
-            # at a release gap, rate and acceleration are zero: the first value is rounding
+            # at a release gap, rate and acceleration are zero: the first value is a rounding error
             seen, begins = curve.seen, float(curve.nodes[1][0, 0])
             return seen if abs(seen) > abs(begins) else math.inf
         begin, rate, bend = curve.nodes[1][:, 0].tolist()

@@ -44,10 +44,10 @@ APART = 1e-6
 """Two solutions whose scaled unknowns differ by less are the same orbit."""
 
 LEAST = 1e-13
-"""Scaled impulses below this are rounding: at resonance the impulses of all orbits are zero."""
+"""Scaled impulses below this count as zero: at resonance the impulses of all orbits are zero."""
 
 SLOW = 1e-9
-"""Impulses of orbits P(inf,m) below this fraction of the largest one are rounding."""
+"""Impulses of orbits P(inf,m) below this fraction of the largest one count as zero."""
 
 _MOVED = 1e-6
 """Step of differences, in units of the unknowns; impacts within this phase are simultaneous."""
@@ -316,7 +316,7 @@ class ItineraryEquations(ImpactProblem):
         return same, np.concatenate([phases[order], impulses[order]])
 
     def proper(self, x: Array) -> bool:
-        """Whether no impulse is rounding, and simultaneous impacts are of stops that commute.
+        """Whether no impulse counts as zero, and simultaneous impacts are of stops that commute.
 
         Without rebound an additional impact of zero impulse, just after any impact, would solve
         the equations too. An orbit P(inf,m) must also have a small estimated error.

@@ -73,8 +73,8 @@ def orbit_from(system: ImpactMap, periods: object, start: ImpactState | None) ->
 def orbit_near(system: ImpactMap, state: ImpactState, periods: int) -> ImpactOrbit:
     """Return the orbit of some periods of the forcing near the motion from a state.
 
-    An orbit of a shorter period is returned as that. For a machine that nothing drives the orbit is
-    the cycle of the motion, whatever the periods.
+    If the orbit repeats within these periods, the shorter orbit is returned. For an undriven
+    machine the orbit is the cycle of the motion, and `periods` has no effect.
 
     Raises
     ------

@@ -65,7 +65,7 @@ def make_problem(oscillator: ImpactMap, periods: int, sides: Any) -> ItineraryEq
 
 
 def with_impulses(problem: ItineraryEquations, phases: Array) -> Array:
-    """Return unknowns with given phases; the others, which are linear, are a least-squares fit."""
+    """Return unknowns with given phases; the others solve linear equations by least squares."""
     n = len(phases)
     start = np.append(phases, np.zeros(problem.size - n))
     matrix = problem.linearization(start, NONE)[:, n:]

@@ -101,7 +101,7 @@ class ItinerarySolution(ABC):
         return np.diff(self.lap.phases) / self.clock
 
     def least_apart(self, i: int, size: float) -> float:
-        """Fraction of a period within which the order of event `i` and the next is rounding.
+        """Fraction of a period within which rounding decides the order of event `i` and the next.
 
         For two impacts it is at least the rounding error of gaps, at positions of this size,
         divided by the smaller impulse.

@@ -37,9 +37,8 @@ class Watched(NamedTuple):
 
     The proof: on each cell the error of the quintic Hermite polynomial is at most h^6/46080 sup
     |f^(6)|, or 2 sup |f| + 2/5 h sup |f'| + h^2/20 sup |f''|, for each term of the gap. The
-    polynomial's Bernstein coefficients must exceed this error. At an impact the gap is zero to
-    first order, while the polynomial's error is zero to third order; so this coefficient is left
-    out.
+    polynomial's Bernstein coefficients must exceed this error. The coefficient at an impact is left
+    out: there the gap vanishes in first order of time, and the polynomial's error in third order.
     """
 
     size: Array

@@ -28,7 +28,7 @@ CHUNK, TAYLOR_CHUNK, MOST = 128, 32, 8192
 """Impacts of a chatter simulated at first, those at first by Taylor's method, and their limit."""
 
 _NEARLY = 1e-3
-"""A chatter is nearly complete if its slowest impact has this fraction of the largest impulse."""
+"""A chatter nearly completes if its slowest impact has this part of the largest impulse or less."""
 
 
 class Steps(NamedTuple):

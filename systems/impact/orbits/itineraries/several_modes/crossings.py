@@ -32,7 +32,7 @@ def multipliers(s: Any) -> Any:
 
 
 def factors_of(s: Any) -> tuple[Array, Array]:
-    """Tangent maps from just before each event, at its phase, to just before the next; rounding.
+    """Tangent maps from just before each event to just before the next, and rounding errors.
 
     For an undriven machine their product maps the surface where the first guard is zero to itself.
     For P(inf,m) there is one matrix from each node to the next, for changes that keep contact.

@@ -1,4 +1,4 @@
-"""Divided differences of guards that are zero by themselves at an earlier event.
+"""Divided differences of guards that are zero at an earlier event for any motion.
 
 A soft stop is left when its gap is zero; the same gap was zero when the stop was touched. A slip
 ends when the slip velocity is zero, as it was when the slip began. A slider that has halted yields
@@ -33,7 +33,7 @@ class Pair(NamedTuple):
 
 
 def pairs(oscillator: ImpactMap, itinerary: Itinerary, free: Iterable[str]) -> list[Pair | None]:
-    """For each event, (n,), the earlier event at which its guard was zero by itself, or None.
+    """For each event, (n,), the earlier event at which its guard is zero for any motion, or None.
 
     Slip begins with zero acceleration if the static force equals the kinetic force, and if no free
     parameter changes one of them alone.

@@ -48,7 +48,7 @@ class Passage(ItinerarySolution):
     course : Course
     lap : Lap
     pairs : list of divided.Pair or None
-        For each event the earlier event at which its guard is zero by itself.
+        For each event the earlier event at which its guard is zero for any motion.
     driven : bool
     still : Passage, optional
         The same motion of the machine without the imaginary changes of its numbers.
