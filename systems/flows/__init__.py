@@ -1,1 +1,1 @@
-"""Textbook flows, and what they share: integration and the search for crossings."""
+"""Textbook flows, with the integration and the search for crossings that they share."""

@@ -15,7 +15,7 @@ class Brusselator(SymbolicFlow):
     Parameters
     ----------
     a, b : float
-        Concentrations that are kept.
+        Concentrations that are held constant.
 
     Raises
     ------

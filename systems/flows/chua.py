@@ -10,14 +10,14 @@ from dynkit.systems.symbolic.flows import SymbolicFlow
 class Chua(SymbolicFlow):
     """Chua's circuit: x' = alpha (y - a x^3 - c x), y' = x - y + z, z' = -beta y.
 
-    The cubic stands in the place of Chua's diode, whose characteristic has corners. (-x, -y, -z)
-    moves as (x, y, z) does. For c < 0 < a there are three fixed points: the origin and x = -z =
-    +-sqrt(-c/a), y = 0.
+    The cubic replaces the piecewise linear characteristic of Chua's diode. The equations are
+    symmetric under (x, y, z) -> (-x, -y, -z). For c < 0 < a there are three fixed points: the
+    origin and x = -z = +-sqrt(-c/a), y = 0.
 
     Parameters
     ----------
     alpha, beta, a, c : float
-        By default those of the double scroll.
+        By default the values of the double scroll.
 
     Raises
     ------

@@ -17,13 +17,15 @@ from dynkit.systems.flows.integration import Step, Velocity
 if TYPE_CHECKING:
     from dynkit.dynamics.section import PoincareSection
 
-# A step is looked at in so many cells: the section's value has one extremum at most in each.
+# Number of cells of a step: in each the section's value is assumed to have one extremum at most.
 _CELLS = 4
-# On the section, to rounding: `dynkit.testing.lift_lands_on_the_section` allows as much.
+# A state is on the section if its value, over the reach, is at most this: a rounding error, which
+# `dynkit.testing.lift_lands_on_the_section` allows as well.
 ON_SECTION = 1e-13
 # A motion that turns back within this distance of the section, in units of the reach, grazes it.
 _GRAZING = 1e-10
-# Newton's method needs a handful; bisection, where that does not converge, as many as bits.
+# Largest number of iterations: Newton's method needs a few; bisection, where Newton's method does
+# not converge, about as many as a number has bits.
 _ITERATIONS = 60
 
 
@@ -52,11 +54,11 @@ class Look:
 
     @property
     def behind(self) -> bool:
-        """Whether the section is clearly still to come."""
+        """Whether the state is before the section by more than rounding."""
         return self.value < 0.0 and self.value < -ON_SECTION * self.reach
 
     def turns_before(self, after: Look) -> bool:
-        """Whether the value has an extremum until another look that may tell more than the two."""
+        """Whether an extremum between this look and a later one may show a crossing or grazing."""
         if self.rate * after.rate >= 0.0:
             return False
         if self.value >= 0.0 and after.value >= 0.0:
@@ -69,12 +71,12 @@ class Look:
 def checked_search(
     flow: Flow, state: Array, section: PoincareSection, time_limit: float
 ) -> tuple[Array, float]:
-    """Return the start and the time limit of a search, once all arguments fit the flow.
+    """Return the start and the time limit of a search after a check of all arguments.
 
     Raises
     ------
     ValueError
-        When the state, the dimension of the section or the time limit does not.
+        When the state, the dimension of the section or the time limit does not fit the flow.
     """
     start = flow._checked(state)
     if section.dimension != flow.dimension:
@@ -86,7 +88,7 @@ def checked_search(
 
 @dataclass(frozen=True)
 class Search:
-    """The search for the first crossing of a section by the motion that a velocity makes.
+    """The search for the first crossing of a section by the motion with a given velocity.
 
     Its `steps` go from a start, (d,), on for a duration. They are as exact as for states of at
     least some size.
@@ -100,13 +102,13 @@ class Search:
     def first(self, start: Array, time_limit: float) -> Crossing:
         """Return the first crossing after the start, (d,).
 
-        What counts is a motion that was clearly behind the section and then is not: neither a start
-        on the section nor rounding beside it is a crossing.
+        A crossing needs a state before the section by more than rounding, and a later state on or
+        beyond it. A start on the section is no crossing, and rounding near the section is none.
 
         Raises
         ------
         NoCrossing
-            When there is none within the time limit, or as far as the motion can be followed.
+            When there is none within the time limit, or until the motion cannot be followed.
         """
         last = self._look(0.0, start, abs(start))
         armed, away, grazes = last.behind, not last.near, False
@@ -124,7 +126,7 @@ class Search:
             raise NoCrossing(
                 f"no crossing within {time_limit}: the motion cannot be followed {end}"
             ) from end
-        # such as after jumps that come ever faster, whose height is lost in rounding in the end
+        # armed is false e.g. after ever faster jumps, whose heights become smaller than rounding
         why = "" if armed else ": the motion was never clearly before the section"
         if grazes:
             why = ": the motion grazes the section and turns back"
@@ -140,7 +142,7 @@ class Search:
         return Look(time, state, sign * value, sign * rate, own, reach, rounding)
 
     def _looks(self, step: Step, begin: Look) -> Iterator[Look]:
-        """Looks at the ends of a step's cells, and at the extremum in each where it may matter."""
+        """Yield looks at the ends of a step's cells, and at extrema that may show a crossing."""
         if step.avoids(self.section, begin.value):
             yield self._look(step.time, step.state, begin.sizes)
             return
@@ -158,7 +160,7 @@ class Search:
     def _extremum(self, step: Step, before: Look, after: Look) -> Look:
         from scipy.optimize import brentq
 
-        # by table at the ends, where rounding might change a sign
+        # known rates at the ends: computed again, rounding might change their signs
         rates = {before.time: before.rate, after.time: after.rate}
         time = brentq(
             lambda t: rates[t] if t in rates else self._look(t, step.path(t), before.sizes).rate,
@@ -171,12 +173,12 @@ class Search:
         return look
 
     def _landed(self, step: Step, before: Look, after: Look) -> Crossing | None:
-        """Return the crossing between two looks, on the motion itself and not on its interpolation.
+        """Return the crossing between two looks, refined by integration, not by interpolation.
 
-        None when the interpolation reaches the section and the motion does not: the two are as near
-        to a tangency as the integration's error.
+        None if the interpolation reaches the section and the integrated motion does not. Then the
+        motion is tangent to the section up to the error of integration.
         """
-        # times since the step began: they resolve more than times since the start
+        # times since the begin of the step have a finer resolution than times since the start
         low, high = before.time - step.begin, after.time - step.begin
         middle = 0.5 * (low + high)
         guess = self._root(lambda t: step.path(step.begin + t), middle, low, high, before.sizes)

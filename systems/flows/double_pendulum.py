@@ -8,16 +8,16 @@ from dynkit.systems.symbolic.flows import SymbolicFlow
 
 @dataclass(frozen=True)
 class DoublePendulum(SymbolicFlow):
-    """Two point masses on massless rods, the second hangs from the first.
+    """Two point masses on massless rods; the second hangs from the first.
 
-    The state is both angles from straight down, a and b, and their rates u and v. Lengths are in
-    units of the first rod, masses of the first mass, times of sqrt(length / gravity). The energy is
-    kept.
+    The state is both angles from the downward vertical, a and b, and their rates u and v. The unit
+    of length is the first rod, the unit of mass the first mass, and the unit of time the square
+    root of the first rod's length over gravity. The energy is conserved.
 
     Parameters
     ----------
     mass, length : float
-        Of the second mass and rod.
+        The second mass, and the length of its rod.
 
     Raises
     ------

@@ -1,4 +1,4 @@
-"""Duffing's oscillator, driven."""
+"""The driven Duffing oscillator."""
 
 from dataclasses import dataclass
 from typing import Any
@@ -12,18 +12,19 @@ class Duffing(SymbolicFlow):
     """Duffing's oscillator: x'' + damping x' + stiffness x + cubic x^3 = force cos(phase).
 
     The state holds x, its rate v and the phase of the force, phase' = frequency. The phase grows
-    without bound; states a whole turn apart move alike. The map from one period of the force to the
-    next is ``PoincareMap(duffing, Stroboscope(3), time_limit)``, with a time limit above the period
-    2 pi / frequency. Its states are x and v. On other sections say that the phase is an angle:
-    ``Hyperplane([0.0, 1.0, 0.0], direction=-1, angles=[2])`` is crossed at the maxima of x.
+    without bound; states whose phases differ by 2 pi have the same motion. The map from one period
+    of the force to the next is ``PoincareMap(duffing, Stroboscope(3), time_limit)``, with a time
+    limit above the period 2 pi / frequency. Its states are x and v. Other sections need the phase
+    declared as an angle: ``Hyperplane([0.0, 1.0, 0.0], direction=-1, angles=[2])`` is crossed at
+    the maxima of x.
 
     Volumes change at the rate -damping everywhere. Without damping and force the energy v^2/2 +
-    stiffness x^2/2 + cubic x^4/4 is kept.
+    stiffness x^2/2 + cubic x^4/4 is conserved.
 
     Parameters
     ----------
     damping, stiffness, cubic, force : float
-        By default the two-well oscillator in chaos.
+        By default the values of chaotic motion in two wells.
     frequency : float
         Angular frequency of the force; positive.
 

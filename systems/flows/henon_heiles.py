@@ -12,7 +12,7 @@ class HenonHeiles(SymbolicFlow):
 
     The state is x, y and their rates u, v. The energy (u^2 + v^2 + x^2 + y^2)/2 + k (x^2 y - y^3/3)
     is conserved; with k = 1, motions of energies below 1/6 stay in a triangle. Periodic orbits form
-    families; a `PoincareMap` at one energy, ``level=("energy", 0.1)``, has isolated ones.
+    families; they are isolated in a `PoincareMap` at one energy, ``level=("energy", 0.1)``.
 
     Parameters
     ----------

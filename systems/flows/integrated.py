@@ -30,15 +30,15 @@ class IntegratedFlow(Flow):
     1. `dimension`, the number d of the state's coordinates;
     2. ``velocity(state)``, the rate (d,) of the state, at least twice differentiable.
 
-    It may implement two derivatives. Without them differences are taken, which are accurate to
-    about 1e-12 and cost further calls of the velocity:
+    It may implement two derivatives. By default they are differences, which are accurate to about
+    1e-12 and need further calls of the velocity:
 
     3. ``velocity_jacobian(state)``, the exact derivative (d, d) of the velocity: row i belongs to
-       coordinate i of the velocity. The error of differences enters that of multipliers and
+       coordinate i of the velocity. The error of differences adds to that of multipliers and
        exponents;
     4. ``velocity_parameter_derivative(state, name)``, the exact derivative (d,) by a parameter.
 
-    All four must refuse a state that is not finite, or not of that shape, with ValueError, as
+    All methods must raise ValueError for a state that is not finite, or not of shape (d,), as
     `dynkit.core.validation.finite_array` does. Choose units in which the coordinates are of order
     one: the tolerance is absolute for coordinates below one and relative above.
 
@@ -46,17 +46,17 @@ class IntegratedFlow(Flow):
     an implicit method of order 5, which uses the `velocity_jacobian` and suits tolerances of 1e-9
     and more. The derivative follows from the variational equations, which are integrated with the
     state. The estimated error of every step stays below ``tolerance * (1 + |x_i|)``, as a root mean
-    square over the coordinates. Errors of steps add up, and grow with the disturbances of the
-    motion: `advance_error` estimates their sum.
+    square over the coordinates. Errors of steps add up, and grow as disturbances of the motion
+    grow: `advance_error` estimates their sum.
 
     A crossing is found if the section's value has at most one extremum in every quarter of a step.
-    It is then refined on the flow until the value is rounding. Where the motion touches the section
-    to within the error of integration, it may or may not be reported as a crossing.
+    It is then refined by integration until the value is below rounding. Where the motion is tangent
+    to the section up to the error of integration, it may or may not be reported as a crossing.
 
     Parameters
     ----------
     tolerance : float
-        Error allowed in a step; in [1e-13, 1e-2].
+        Largest error of a step; in [1e-13, 1e-2].
     method : {"DOP853", "Radau"}
 
     Raises
@@ -91,7 +91,7 @@ class IntegratedFlow(Flow):
     >>> pendulum.advance_error([1.0, 0.0], 10.0) < 1e-10
     True
 
-    The period of a swing, against its closed form:
+    The period of a swing, compared with its closed form:
 
     >>> from dynkit import Hyperplane, PoincareMap
     >>> from scipy.special import ellipk
@@ -118,7 +118,7 @@ class IntegratedFlow(Flow):
         Raises
         ------
         ValueError
-            When a name is not one of these, or a value is refused.
+            When a name is not one of these, or a value is out of range.
         """
         tolerance = parameters.pop("tolerance", self.tolerance)
         return dataclasses.replace(super().replace(**parameters), tolerance=tolerance)
@@ -191,8 +191,8 @@ class IntegratedFlow(Flow):
         return product
 
     def _parts(self, state: Array, duration: float, basis: Basis) -> Iterator[Part]:
-        # The parts end where steps of the integrator do: looked at after every step, growth that is
-        # undone within a part is seen too, and no part is integrated twice.
+        # Parts end at ends of integrator steps. The derivative is examined after every step: so a
+        # growth that is reversed within a part is noticed, and no part is integrated twice.
         d = self.dimension
         left, step, wrong = non_negative("duration", duration), None, 0.0
 
@@ -217,7 +217,7 @@ class IntegratedFlow(Flow):
                     size = max(size, float(np.linalg.norm(derivative, 2)))
                     # errors of single steps, as long as these are few
                     error = min(count * self.tolerance * (1.0 + size), self.accuracy * size)
-                    # a wrong velocity of a disturbance adds up, and grows as the disturbance does
+                    # errors of the Jacobian accumulate in time, and grow with the disturbance
                     error += wrong * float(solver.t) * size
                     part = Part(end, derivative, size, error)
                     if not part.even(begin, basis(end)):

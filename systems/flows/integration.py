@@ -1,4 +1,4 @@
-"""Steps of an integrator: SciPy's DOP853, or Radau for stiff flows."""
+"""Steps of SciPy's integrators: DOP853, or Radau for stiff flows."""
 
 from __future__ import annotations
 
@@ -21,9 +21,10 @@ Jacobian: TypeAlias = Callable[[Array], Array]
 Solver: TypeAlias = "DOP853[np.float64] | Radau"
 
 METHODS = ("DOP853", "Radau")
-"""Explicit, of order 8; and implicit, of order 5, for stiff flows."""
+"""An explicit method of order 8, and an implicit one of order 5 for stiff flows."""
 
-# Hours of work, at some hundred microseconds a step; judged by the pace, every so many steps.
+# Largest number of steps: hours of work, at some hundred microseconds a step. After every `_PACE`
+# steps the total is estimated from the time reached.
 _MOST_STEPS, _PACE = 10**8, 10_000
 
 
@@ -45,23 +46,23 @@ def steps(
     start : (n,) array
     duration : float
     tolerance : float
-        A step's error is held below this times (1 + |y_i|), root mean square over the y_i.
+        The error of a step stays below this times (1 + |y_i|), as root mean square over the y_i.
     first_step : float, optional
     method : str
         One of `METHODS`.
     jacobian : callable, (n,) array to (n, n) array, optional
-        Of the velocity, for Radau; by differences where it is not given.
+        Jacobian of the velocity, for Radau; by differences if it is not given.
 
     Raises
     ------
     CannotFollow
-        When the velocity is not finite at the start, no step is short enough for the tolerance, as
-        where the motion runs away, or more than 10^8 steps would be needed.
+        When the velocity is not finite at the start, when no step is short enough for the tolerance
+        (for example because the motion diverges), or when more than 10^8 steps would be needed.
     """
     from scipy.integrate import DOP853, Radau
 
     def rate(_: float, y: Array) -> Array:
-        # a trial step that overflows is rejected, as its error is not a number; a sum is quicker
+        # a trial step that overflows gets an error of NaN and is rejected; the sum is a fast test
         finite = math.isfinite(sum(y.tolist())) or np.isfinite(y).all()
         return velocity(y) if finite else np.full_like(y, np.nan)
 
@@ -107,7 +108,7 @@ def integrate(
 
 
 class Step(Protocol):
-    """A step of an integrator from a time on, and the motion within it."""
+    """A step of an integrator, with the motion within it."""
 
     begin: float
     time: float
@@ -121,15 +122,15 @@ class Step(Protocol):
         return [self.path(time) for time in times]
 
     def cut_short(self, duration: float) -> Array:
-        """Return the state, (d,), a duration after the step's begin, on the motion itself."""
+        """Return the state, (d,), a duration after the step's begin, without interpolation."""
 
     def avoids(self, section: PoincareSection, value: float) -> bool:
-        """Whether the section, whose value is that at the begin, is surely not reached."""
+        """Whether the step certainly does not reach a section that has `value` at its begin."""
 
 
 @final
 class IntegratedStep(Step):
-    """A step: its interpolation, and the motion to any time in it, integrated again."""
+    """A step with its interpolation; `cut_short` integrates again to any time in the step."""
 
     def __init__(
         self, solver: Solver, velocity: Velocity, start: Array, tolerance: float, **how: Any
@@ -165,5 +166,5 @@ def integrated_steps(
 
 
 def _silent() -> np.errstate:
-    """What overflows in a trial step is no fault."""
+    """Context without warnings: an overflow in a trial step is no error."""
     return np.errstate(over="ignore", invalid="ignore", divide="ignore")

@@ -10,15 +10,15 @@ from dynkit.systems.symbolic.flows import SymbolicFlow
 class Lorenz(SymbolicFlow):
     """Lorenz's equations: x' = sigma (y - x), y' = rho x - y - x z, z' = x y - beta z.
 
-    Volumes shrink at the rate sigma + 1 + beta everywhere, and (-x, -y, z) moves as (x, y, z) does.
-    For rho > 1 there are two fixed points besides the origin, at x = y = +-sqrt(beta (rho - 1)), z
-    = rho - 1. They lose stability at rho = sigma (sigma + beta + 3)/(sigma - beta - 1), which is
-    24.74 for the default parameters.
+    Volumes shrink at the rate sigma + 1 + beta everywhere. The equations are symmetric under (x, y,
+    z) -> (-x, -y, z). For rho > 1 there are two fixed points besides the origin, at x = y =
+    +-sqrt(beta (rho - 1)), z = rho - 1. They lose stability at rho = sigma (sigma + beta +
+    3)/(sigma - beta - 1), which is 24.74 for the default parameters.
 
     Parameters
     ----------
     sigma, rho, beta : float
-        By default Lorenz's own.
+        By default the values of Lorenz.
 
     Raises
     ------

@@ -9,17 +9,17 @@ from dynkit.systems.symbolic.flows import SymbolicFlow
 
 @dataclass(frozen=True)
 class ParametricPendulum(SymbolicFlow):
-    """A pendulum driven at its pivot, which is at the height amplitude cos(phase).
+    """A pendulum whose pivot moves vertically; the pivot's height is amplitude cos(phase).
 
-    x'' + damping x' + (1 - amplitude frequency^2 cos(phase)) sin x = 0. Lengths are in units of the
-    pendulum's length, times in those of its small free oscillations over 2 pi. The state holds
-    the angle x, zero where the pendulum hangs, its rate v, and the phase, phase' = frequency. The
-    map from one period of the pivot to the next is
+    x'' + damping x' + (1 - amplitude frequency^2 cos(phase)) sin x = 0. The unit of length is the
+    pendulum's length; the unit of time is the period of its small free oscillations over 2 pi. The
+    state holds the angle x, zero where the pendulum hangs, its rate v, and the phase, phase' =
+    frequency. The map from one period of the pivot to the next is
     ``PoincareMap(pendulum, Stroboscope(3), time_limit)``, with a time limit above the period.
 
-    Near frequency 2 the pendulum that hangs begins to swing, once in two periods of the pivot. It
-    stands upside down where amplitude times frequency is larger than about the root of 2. Both
-    borders are Mathieu's without damping.
+    Near frequency 2 the hanging pendulum becomes unstable and swings once in two periods of the
+    pivot. The upright position is stable if amplitude times frequency is larger than about the
+    square root of 2. Without damping both stability borders are those of Mathieu's equation.
 
     Parameters
     ----------

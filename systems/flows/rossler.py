@@ -15,7 +15,7 @@ class Rossler(SymbolicFlow):
     Parameters
     ----------
     a, b, c : float
-        By default those of Rossler's chaotic attractor.
+        By default the values of Rossler's chaotic attractor.
 
     Raises
     ------

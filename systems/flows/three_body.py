@@ -8,7 +8,7 @@ from dynkit.systems.symbolic.flows import SymbolicFlow
 
 @dataclass(frozen=True)
 class RestrictedThreeBody(SymbolicFlow):
-    """A massless body in the plane of two bodies that move on circles, in their rotating frame.
+    """A massless body in the plane of two bodies on circular orbits, in their rotating frame.
 
     The bodies of masses 1 - mu and mu rest at x = -mu and x = 1 - mu. Units are their distance,
     their total mass, and their angular velocity. The state is x, y and their rates u, v:

@@ -10,8 +10,9 @@ from dynkit.systems.symbolic.flows import SymbolicFlow
 class VanDerPol(SymbolicFlow):
     """Van der Pol's oscillator: x'' - mu (1 - x^2) x' + x = 0; its state is x and its rate v.
 
-    For every mu > 0 all motions but the rest end on one limit cycle. Its period is 2 pi (1 +
-    mu^2/16 + ...) for small mu, and about (3 - 2 ln 2) mu for large ones, where the flow is stiff.
+    For every mu > 0 all motions except the equilibrium tend to one limit cycle. Its period is 2 pi
+    (1 + mu^2/16 + ...) for small mu, and about (3 - 2 ln 2) mu for large mu, where the flow is
+    stiff.
 
     Parameters
     ----------

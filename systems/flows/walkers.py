@@ -12,13 +12,13 @@ from dynkit.systems.symbolic.hybrid import SymbolicHybridFlow
 
 @dataclass(frozen=True)
 class SimplestWalker(SymbolicHybridFlow):
-    """A mass at the hip and two massless legs with light feet, which walk down a slope.
+    """A walker on a slope: a mass at the hip and two massless legs with light feet.
 
     The state is the angle of the stance leg, from the normal of the slope, the angle of the swing
-    leg, from the stance leg, and their rates. Lengths are in units of a leg, times of
-    sqrt(length / gravity). Where the swing foot strikes the ground, the legs exchange their roles;
-    a foot that scuffs the ground when the legs pass each other is ignored. ``ResetMap(walker,
-    time_limit=10.0)`` is the map from step to step.
+    leg, from the stance leg, and their rates. The unit of length is a leg, the unit of time
+    sqrt(length / gravity). When the swing foot strikes the ground, the legs exchange their roles.
+    The contact of the foot with the ground when the legs pass each other is ignored.
+    ``ResetMap(walker, time_limit=10.0)`` is the map from step to step.
 
     Parameters
     ----------
@@ -71,11 +71,11 @@ class SimplestWalker(SymbolicHybridFlow):
 
 @dataclass(frozen=True)
 class CompassGait(SymbolicHybridFlow):
-    """A mass at the hip and two legs with a mass each, which walk down a slope.
+    """A walker on a slope: a mass at the hip and two legs with a mass each.
 
-    The state is the angle of the swing leg and that of the stance leg, both from the vertical, and
-    their rates. Where the swing foot strikes the ground, the legs exchange their roles; a foot that
-    scuffs the ground when the legs pass each other is ignored. ``ResetMap(walker,
+    The state is the angles of the swing leg and of the stance leg, both from the vertical, and
+    their rates. When the swing foot strikes the ground, the legs exchange their roles. The contact
+    of the foot with the ground when the legs pass each other is ignored. ``ResetMap(walker,
     time_limit=10.0)`` is the map from step to step. Units are SI.
 
     Parameters
@@ -153,8 +153,8 @@ class CompassGait(SymbolicHybridFlow):
     def reset(self, swing: Any, stance: Any, u: Any, v: Any) -> tuple[Any, ...]:
         """Return the state after the exchange of the legs.
 
-        Two angular momenta are kept: of the walker about the foot that strikes, and of the leg that
-        leaves the ground about the hip.
+        Two angular momenta are conserved: that of the walker about the foot that strikes, and that
+        of the leg that leaves the ground about the hip.
         """
         from sympy import cos
 
@@ -162,7 +162,7 @@ class CompassGait(SymbolicHybridFlow):
         length, c = a + b, cos(swing - stance)
         about_foot = -m * a * b * u + (-m * a * b + (hip * length**2 + 2 * m * a * length) * c) * v
         about_hip = -m * a * b * v
-        # the matrix of the momenta by the rates after the exchange
+        # derivative of the momenta by the rates after the exchange
         p, q = m * b * (b - length * c), m * length * (length - b * c) + m * a**2 + hip * length**2
         r, s = m * b**2, -m * b * length * c
         size = p * s - q * r

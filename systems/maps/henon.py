@@ -16,7 +16,7 @@ class Henon(SymbolicMap):
     Parameters
     ----------
     a, b : float
-        By default those of Henon's strange attractor.
+        By default the values of Henon's strange attractor.
 
     Raises
     ------

@@ -17,10 +17,9 @@ class HighBounce(SymbolicMap):
 
         phi = w t,    v = 2 w V / g,    gamma = 2 w^2 (1 + r) A / g.
 
-    A table at +A sin(w t) is half a turn further: phi = w t + pi. The table's displacement is
-    neglected beside the height of the bounces. So the error of the next impact's phase is at most 2
-    gamma / ((1 + r) v), to leading order, and a negative v has no meaning. `BouncingBall` has the
-    exact motion.
+    For a table at +A sin(w t), phi = w t + pi. The table's displacement is neglected relative to
+    the height of the bounces. So the error of the next impact's phase is at most 2 gamma / ((1 + r)
+    v), to leading order, and a negative v has no meaning. `BouncingBall` has the exact motion.
 
     The determinant is r everywhere; with r = 1 this is the standard map, with K = gamma. The fixed
     points are v = 2 pi n, cos phi = -2 pi n (1 - r) / gamma. For every n >= 0 a pair of them is

@@ -10,14 +10,15 @@ from dynkit.systems.symbolic.maps import SymbolicMap
 class Ikeda(SymbolicMap):
     """The map of Ikeda: z' = a + u z exp(i t), t = k - p / (1 + x^2 + y^2), z = x + i y.
 
-    The light in a ring cavity with a nonlinear absorber, from one round trip to the next. The
-    amplitude that enters is a, the fraction kept in a round trip is u; k and p turn its phase
-    without and with the absorber. The determinant is u^2 everywhere.
+    It describes the light in a ring cavity with a nonlinear absorber, from one round trip to the
+    next. The amplitude that enters is a, and u is the fraction of the amplitude kept in a round
+    trip. The phase changes by k without the absorber; p is the strength of the absorber's part. The
+    determinant is u^2 everywhere.
 
     Parameters
     ----------
     u, a, k, p : float
-        By default those of the strange attractor.
+        By default the values of the strange attractor.
 
     Raises
     ------

@@ -1,4 +1,4 @@
-"""The logistic map, and the one with a delay."""
+"""The logistic map, and the logistic map with a delay."""
 
 from dataclasses import dataclass
 from typing import Any
@@ -46,7 +46,7 @@ class DelayedLogistic(SymbolicMap):
     """The logistic map with a delay: x' = rate x (s - y), y' = x.
 
     The multipliers of its fixed point s - 1/rate are the roots of mu^2 - mu + rate s - 1. At rate s
-    = 2 an invariant circle is born (NS). On it the motion turns by pi/3 in each iterate.
+    = 2 an invariant circle is born (NS); there the rotation is by pi/3 in each iterate.
 
     Parameters
     ----------

@@ -10,9 +10,9 @@ from dynkit.systems.symbolic.maps import SymbolicMap
 class StandardMap(SymbolicMap):
     """Chirikov's standard map: p' = p + k sin theta, theta' = theta + p' modulo 2 pi.
 
-    A rotor that is kicked once in a unit of time. It keeps areas. The angle is theta; the momentum
-    p is not wrapped. The fixed point theta = pi, p = 0 loses stability at k = 4; the last
-    rotational invariant circle breaks at k = 0.971635.
+    It describes a rotor that is kicked once per unit of time, and conserves areas. The angle is
+    theta; the momentum p is not wrapped. The fixed point theta = pi, p = 0 loses stability at
+    k = 4; the last rotational invariant circle breaks at k = 0.971635.
 
     Parameters
     ----------

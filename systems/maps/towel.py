@@ -8,7 +8,7 @@ from dynkit.systems.symbolic.maps import SymbolicMap
 
 @dataclass(frozen=True)
 class FoldedTowel(SymbolicMap):
-    """Rossler's folded towel, which stretches in two directions.
+    """Rossler's folded towel, a map with two directions of stretching (hyperchaos).
 
     x' = 3.8 x (1 - x) - 0.05 (y + 0.35) (1 - 2 z),
     y' = 0.1 ((y + 0.35) (1 - 2 z) - 1) (1 - 1.9 x),

@@ -1,1 +1,1 @@
-"""Structures from their energies: Lagrangian, matrices, modes."""
+"""Structures from their energies: equations of motion, matrices, modes."""

@@ -29,8 +29,8 @@ def chain_kinetic(masses: tuple[float, ...], v: tuple[sympy.Symbol, ...]) -> sym
 def chain_links(strengths: Sequence[float | Fraction], x: tuple[sympy.Symbol, ...]) -> sympy.Expr:
     """The sum of k_i (x_i - x_{i-1})^2 / 2, where x_0 = 0 is the wall.
 
-    With spring constants and coordinates the potential energy of a chain, with dashpot constants
-    and velocities its dissipation function. Fractions stay exact.
+    With spring constants and coordinates it is the potential energy of a chain; with dashpot
+    constants and velocities it is the dissipation function. Fractions stay exact.
     """
     from sympy import Add, Float, Integer, Pow, Rational
 
@@ -74,7 +74,7 @@ def extensions(x: tuple[sympy.Symbol, ...]) -> tuple[sympy.Expr, ...]:
 
     Examples
     --------
-    A chain with springs of one's own:
+    A chain with user-defined springs:
 
     >>> from dynkit.systems import ImpactChain
     >>> class Hardening(ImpactChain):
@@ -90,12 +90,12 @@ def extensions(x: tuple[sympy.Symbol, ...]) -> tuple[sympy.Expr, ...]:
 
 @dataclass(frozen=True, init=False)
 class Chain(LagrangianStructure):
-    """N masses in a line, the first tied to a wall and each to the next (Cusumano & Bai 1993).
+    """N masses in a line, the first joined to a wall, each to the next (Cusumano & Bai 1993).
 
     Parameters
     ----------
     masses : int or array_like, shape (N,)
-        How many unit masses, or the masses from the wall outwards, positive.
+        Number of unit masses, or the masses from the wall outwards, positive.
     springs : float or array_like, shape (N,)
         Spring constants, not negative; the first spring holds mass 1 to the wall.
     dashpots : float or array_like, shape (N,)
@@ -146,12 +146,12 @@ class Chain(LagrangianStructure):
 def element_values(
     name: str, value: object, count: int | None, *, zero: bool = True
 ) -> tuple[float, ...]:
-    """One number per element of a chain, from one for all or one for each.
+    """Return one number per element of a chain, from one for all or one for each.
 
     Parameters
     ----------
     name : str
-        The argument's name, as the user wrote it.
+        The argument's name in error messages.
     value : float or array_like, shape (count,)
     count : int or None
         The number of elements; None takes it from the value.

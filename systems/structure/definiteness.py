@@ -1,4 +1,4 @@
-"""Checks that a symmetric matrix can be that of an energy: positive definite or semidefinite."""
+"""Checks that a symmetric matrix is positive definite or semidefinite, as an energy requires."""
 
 import numpy as np
 
@@ -6,20 +6,20 @@ from dynkit.core.validation import Array
 
 
 def check_definite(name: str, matrix: Array) -> None:
-    """Refuse a matrix that is not positive definite to rounding.
+    """Raise an error if a matrix is not positive definite up to rounding.
 
     Parameters
     ----------
     name : str
-        What the error message calls the matrix.
+        Name of the matrix in the error message.
     matrix : array, shape (N, N)
         Finite and symmetric.
 
     Raises
     ------
     ValueError
-        When a diagonal element is not positive, or when the matrix, its rows and columns scaled to
-        a diagonal of ones, has an eigenvalue below N ulp.
+        When a diagonal element is not positive, or when the matrix, after scaling of rows and
+        columns to a diagonal of ones, has an eigenvalue below N ulp.
 
     Examples
     --------
@@ -32,20 +32,21 @@ def check_definite(name: str, matrix: Array) -> None:
 
 
 def check_semidefinite(name: str, matrix: Array) -> None:
-    """Refuse a matrix that is not positive semidefinite to rounding.
+    """Raise an error if a matrix is not positive semidefinite up to rounding.
 
     Parameters
     ----------
     name : str
-        What the error message calls the matrix.
+        Name of the matrix in the error message.
     matrix : array, shape (N, N)
         Finite and symmetric.
 
     Raises
     ------
     ValueError
-        When a diagonal element is negative, or zero in a row that is not, or when the matrix, its
-        rows and columns scaled to a diagonal of ones, has an eigenvalue below -4 N ulp.
+        When a diagonal element is negative, or when it is zero in a row that is not zero, or when
+        the matrix, after scaling of rows and columns to a diagonal of ones, has an eigenvalue below
+        -4 N ulp.
 
     Examples
     --------
@@ -67,14 +68,14 @@ def _check(name: str, matrix: Array, *, definite: bool) -> None:
         raise ValueError(f"{name} must be {wanted}; got {value} at [{place}, {place}]")
     if np.count_nonzero(matrix) == np.count_nonzero(diagonal):
         return
-    # Scaled, so that a small unit of one coordinate cannot hide behind a large one of another.
+    # Scaling makes the check independent of the units of the coordinates.
     lengths = np.sqrt(np.where(diagonal > 0.0, diagonal, 1.0))
     scaled = matrix / lengths[:, None] / lengths
     margin = len(matrix) * np.finfo(np.float64).eps * (-1.0 if definite else 4.0)
     try:
         np.linalg.cholesky(scaled + margin * np.eye(len(matrix)))
     except np.linalg.LinAlgError:
-        # Its own rounding may fail a factorisation where an eigenvalue is at the margin.
+        # Rounding may make the factorisation fail if an eigenvalue is close to the margin.
         if float(np.linalg.eigvalsh(scaled)[0]) < -margin:
             lowest = float(np.linalg.eigvalsh(matrix)[0])
             raise ValueError(f"{name} must be {wanted}; got the eigenvalue {lowest:.6}") from None

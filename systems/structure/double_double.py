@@ -1,8 +1,8 @@
 """Arrays of double-double numbers: the unevaluated sum of two doubles, about 32 decimal digits.
 
-Every operation works elementwise on whole arrays and costs 10 to 30 plain ones. Each result is
-within a few times 2^-106 of the exact one, relative to it, while nothing over- or underflows;
-callers scale their data by powers of two.
+Every operation works elementwise on whole arrays and costs as much as 10 to 30 operations on
+doubles. The relative error of each result is a few times 2^-106, unless there is an overflow or
+underflow; callers avoid these by scaling with powers of two.
 
 References
 ----------
@@ -17,11 +17,11 @@ import numpy as np
 
 from dynkit.core.validation import Array
 
-# Veltkamp's constant 2^27 + 1 cuts the 53 bits of a double into 26 and 26 (the sign holds one).
+# Veltkamp's constant 2^27 + 1 splits the 53 bits of a double into 26 and 26 (one is in the sign).
 _SPLITTER = 134217729.0
 
 ROUNDING = 2.0**-104
-"""What one operation may lose, relative to its result; a little more than the proved bounds."""
+"""Bound of the relative error of one operation, slightly larger than the proved bounds."""
 
 
 class DoubleDouble(NamedTuple):
@@ -128,7 +128,7 @@ def square_root(x: DoubleDouble) -> DoubleDouble:
 
 
 def column_sums(x: DoubleDouble) -> DoubleDouble:
-    """Sums over the first axis, added pairwise so that the error grows with its logarithm only."""
+    """Sums over the first axis, pairwise: the error grows with the logarithm of its length."""
     while len(x.high) > 1:
         half = len(x.high) // 2
         folded = add(
@@ -153,5 +153,5 @@ def columns(x: DoubleDouble, chosen: slice) -> DoubleDouble:
 
 
 def power_of_two(x: DoubleDouble, exponent: int) -> DoubleDouble:
-    """The array times a power of two: exact while nothing over- or underflows."""
+    """The array times a power of two: exact unless there is an overflow or underflow."""
     return DoubleDouble(np.ldexp(x.high, exponent), np.ldexp(x.low, exponent))

@@ -2,8 +2,8 @@
 
 An energy of a thousand bodies has a few thousand terms of two or three symbols each. Each term is
 expanded by itself, so that the work grows with the number of terms and not with the square of the
-number of bodies. Floats enter as the binary fractions that they are: a matrix element is the exact
-sum of its contributions, rounded once.
+number of bodies. Floats are taken as exact binary fractions: a matrix element is the exact sum of
+its contributions, rounded once.
 """
 
 from __future__ import annotations
@@ -19,12 +19,11 @@ from dynkit.systems.structure.symmetric import SymmetricMatrix
 if TYPE_CHECKING:
     import sympy
 
-# Sorted numbers of the symbols that are multiplied, a square twice: (3, 3) is x_4**2, () a
-# constant.
+# Sorted numbers of the symbols of a product, repeated for powers: (3, 3) is x_4**2, () a constant.
 _Monomial: TypeAlias = tuple[int, ...]
 _Polynomial: TypeAlias = dict[_Monomial, Fraction]
 
-# Higher powers are refused at once; cubes and fourth powers may still cancel against other terms.
+# Higher powers are an error at once; cubes and fourth powers may cancel against other terms.
 _HIGHEST_DEGREE = 4
 # Decimal digits of an irrational coefficient such as sqrt(2).
 _DIGITS = 60
@@ -35,15 +34,15 @@ class NotQuadraticError(ValueError):
 
 
 class _RefusedError(Exception):
-    """Why a term cannot be read."""
+    """The reason why a term cannot be read."""
 
 
 class _HigherError(_RefusedError):
-    """A term is no quadratic polynomial."""
+    """A term is not a polynomial, or its degree is too high."""
 
 
 def symbols(letter: str, count: int) -> tuple[sympy.Symbol, ...]:
-    """Real symbols with numbers from 1: ``x_1, ..., x_N``."""
+    """Real symbols numbered from 1: ``x_1, ..., x_N``."""
     from sympy import Symbol
 
     return tuple(Symbol(f"{letter}_{number}", real=True) for number in range(1, count + 1))
@@ -52,14 +51,14 @@ def symbols(letter: str, count: int) -> tuple[sympy.Symbol, ...]:
 def quadratic_form(
     energy: str, expression: object, arguments: tuple[sympy.Symbol, ...]
 ) -> SymmetricMatrix:
-    """The matrix A of an energy that is the quadratic form ``x'Ax/2`` in its arguments.
+    """Return the matrix A of an energy that is the quadratic form ``x'Ax/2`` in its arguments.
 
     Parameters
     ----------
     energy : str
-        What error messages call it.
+        Name of the energy in error messages.
     expression : SymPy expression or number
-        The energy. A constant is dropped from a potential and refused elsewhere.
+        The energy. A constant is dropped from a potential, and is an error elsewhere.
     arguments : tuple of SymPy symbols, length N
         The coordinates or velocities.
 
@@ -73,7 +72,7 @@ def quadratic_form(
     ValueError
         Naming the energy and the offending term: when the expression holds other symbols, is no
         polynomial, has terms that are not quadratic, or coefficients that are not finite real
-        numbers. It is a `NotQuadraticError` where there are other functions or higher powers.
+        numbers. The error is a `NotQuadraticError` for other functions or higher powers.
 
     Examples
     --------
@@ -119,12 +118,12 @@ def quadratic_form(
 
 
 def expression_of(energy: str, expression: object) -> sympy.Expr:
-    """The expression that an energy returns, which may be a number.
+    """Return the result of an energy as an expression; the result may be a number.
 
     Raises
     ------
     ValueError
-        When it is neither.
+        When the result is neither an expression nor a number.
     """
     from sympy import Expr, sympify
 
@@ -143,13 +142,13 @@ def _terms(energy: str, expression: object) -> tuple[Any, ...]:
 
 
 class _Reader:
-    """Polynomials with rational coefficients out of SymPy's expression trees."""
+    """Reads polynomials with rational coefficients from SymPy's expression trees."""
 
     def __init__(self, arguments: tuple[sympy.Symbol, ...]) -> None:
         self._numbers = {symbol: number for number, symbol in enumerate(arguments)}
 
     def polynomial(self, expression: Any) -> _Polynomial:
-        """The expanded expression; raises _RefusedError where it is no polynomial."""
+        """Return the expanded expression; raises _RefusedError if it is no polynomial."""
         if expression.is_Symbol:
             return self._symbol(expression)
         if expression.is_Number:
@@ -180,7 +179,7 @@ class _Reader:
 
 
 def _constant(number: Any) -> _Polynomial:
-    """The number as a fraction: exact for rationals and floats, else to many digits."""
+    """The number as a fraction: exact for rationals and floats, else with `_DIGITS` digits."""
     given = number
     if not number.is_Number:
         number = number.evalf(_DIGITS)
@@ -204,7 +203,7 @@ def _sum(parts: Iterable[_Polynomial]) -> _Polynomial:
 
 
 def product(parts: Iterable[_Polynomial]) -> _Polynomial:
-    """The expanded product of polynomials: the only step whose cost depends on their lengths."""
+    """Return the expanded product of polynomials; only here the cost depends on their lengths."""
     found: _Polynomial = {(): Fraction(1)}
     for part in parts:
         total: _Polynomial = {}

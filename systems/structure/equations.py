@@ -1,7 +1,7 @@
 """Equations of motion from energies of any smooth form, by Lagrange's equations.
 
 Numbers in the energies are replaced by symbols. Structures whose energies differ only in these
-numbers share the derivatives, and everything that is compiled from them.
+numbers share the derivatives, and the code compiled from them.
 """
 
 from __future__ import annotations
@@ -34,20 +34,20 @@ _ARGUMENTS = {
 _GIVEN = {_KINETIC: "v", _POTENTIAL: "x", _DISSIPATION: "v"}
 
 _SMALL = 64
-"""Integers, and fractions of such integers, up to here are part of the form of an energy."""
+"""Integers up to this, and fractions of such integers, are not replaced by symbols."""
 
 _SMOOTH = {
     *("sin", "cos", "tan", "asin", "acos", "atan", "atan2", "exp", "log", "erf"),
     *("sinh", "cosh", "tanh", "asinh", "acosh", "atanh"),
 }
 _MOST_KEPT = 64
-"""Forms of energies whose derivatives are kept."""
+"""Largest number of forms of energies whose derivatives are kept."""
 
 
 @final
 @dataclass(frozen=True, eq=False)
 class Equations:
-    """M(x) x'' = f(x, x', phase), phase' = rate, as expressions with symbols for numbers.
+    """M(x, phase) x'' = f(x, x', phase), phase' = rate, as expressions with symbols for numbers.
 
     Attributes
     ----------
@@ -55,10 +55,10 @@ class Equations:
     phase, rate : symbols
     numbers : (p,) symbols of the numbers in the energies
     mass : (N, N) expressions, M
-    force : (N,) expressions, f: what the energies exert
-    energy : expression, kinetic plus potential energy
-    loss : expression, the power that the dissipation takes
-    source : expression, rate of the energy as the energies depend on the phase
+    force : (N,) expressions, f: the forces of the energies
+    energy : expression, the Hamiltonian v dT/dv - T + V
+    loss : expression, the power lost by dissipation
+    source : expression, the rate of the energy due to the dependence on the phase
     text : the energies, with symbols for numbers
     """
 
@@ -128,7 +128,7 @@ class Motion:
     ----------
     equations : Equations
     numbers : (p,) float
-        Complex, where they have imaginary changes.
+        Complex if they have imaginary changes.
     """
 
     def __init__(self, equations: Equations, numbers: Array) -> None:
@@ -148,7 +148,8 @@ class Motion:
     def mass(self, x: Array, phase: Any) -> Array:
         """M, (N, N), at positions (N,) and a phase.
 
-        Also with imaginary changes of these and of the numbers: see `dynkit.core.differences.STEP`.
+        Positions, phase and numbers may have imaginary changes: see
+        `dynkit.core.differences.STEP`.
         """
         n, changes = len(x), np.concatenate([x, [phase], self.numbers])
         given = 0.0, changes[:n].real, np.zeros(n), float(changes[n].real)
@@ -165,14 +166,15 @@ class Motion:
         return found[:, :n], found[:, n:]
 
     def energies(self, rate: float, x: Array, v: Array, phase: float) -> Array:
-        """Energy, power lost and power gained by the dependence on the phase, (3,)."""
+        """Energy, power lost, and power gained by the dependence on the phase: (3,)."""
         return self._filled("energies", rate, x, v, phase, (3,))
 
     def shifts(self, rate: float) -> tuple[Array, Array]:
-        """Directions (N, m) along which nothing changes, and derivatives (N, N) of f by v.
+        """Directions (N, m) along which mass and force are constant, and derivatives (N, N) of f.
 
-        Candidates are integer directions that change no force at some states; that none of the
-        expressions changes is proved by their derivatives. Where this is not seen, m is 0.
+        Candidates are integer directions along which no force changes at some states. Derivatives
+        of the expressions prove that mass and force are constant along them. Without a proof m is
+        0. The derivatives of f are those by v.
         """
         from scipy.linalg import null_space
 
@@ -202,12 +204,12 @@ class Motion:
 
 
 _STATES, _UNSEEN = 3, 1e-10
-"""States at which shifts are sought, and the ratio of what they change to the largest change."""
+"""Number of states at which shifts are sought; relative change of forces that counts as none."""
 
 
 @lru_cache(_MOST_KEPT)
 def _is_shift(equations: Equations, direction: tuple[int, ...]) -> bool:
-    """Whether no mass and no force changes along a direction of the coordinates."""
+    """Whether the mass matrix and all forces are constant along a direction of the coordinates."""
     from sympy import Add, expand
 
     pairs = list(zip(direction, equations.x, strict=True))
@@ -216,7 +218,7 @@ def _is_shift(equations: Equations, direction: tuple[int, ...]) -> bool:
 
 
 def in_echelon(directions: Array) -> Array:
-    """The same span (N, m), of each direction one coordinate one there and zero along others."""
+    """Basis (N, m) of the same span: each direction has a coordinate 1 that is 0 in all others."""
     from scipy.linalg import qr
 
     own = qr(directions.T, mode="r", pivoting=True)[1][: directions.shape[1]]
@@ -224,12 +226,15 @@ def in_echelon(directions: Array) -> Array:
 
 
 def has_arguments_of_its_own(structure: LagrangianStructure) -> bool:
-    """Whether an energy takes more than velocities, or more than coordinates.
+    """Whether an energy takes more arguments than those of a linear structure.
+
+    These are the velocities of kinetic energy and dissipation, and the coordinates of the
+    potential.
 
     Raises
     ------
     TypeError
-        When the names of its arguments are not known.
+        When an energy has an argument of an unknown name.
     """
     return any(_arguments(structure, name) != (own,) for name, own in _GIVEN.items())
 
@@ -243,7 +248,7 @@ def motion_of(structure: LagrangianStructure, size: int) -> Motion:
         Naming the energy: when an expression holds other symbols, is not finite, real or smooth, or
         when the kinetic energy is not quadratic in the velocities.
     TypeError
-        When the names of an energy's arguments are not known.
+        When an energy has an argument of an unknown name.
     """
     from sympy import Symbol
 
@@ -297,7 +302,7 @@ def _equations(
 
 
 def gradient(expression: sympy.Expr, by: Sequence[sympy.Symbol]) -> list[sympy.Expr]:
-    """Derivatives of an expression, term by term: each by the symbols that it holds."""
+    """Derivatives of an expression, term by term: each term by the symbols that it contains."""
     from sympy import Add
 
     parts: dict[Any, list[Any]] = {symbol: [] for symbol in by}
@@ -317,7 +322,7 @@ def _rows(flat: list[sympy.Expr], width: int) -> list[list[sympy.Expr]]:
 
 
 def _arguments(structure: LagrangianStructure, name: str) -> tuple[str, ...]:
-    """Names of the arguments of an energy; a single one may have any name."""
+    """Names of the arguments of an energy; a single argument may have any name."""
     function: Callable[..., Any] = getattr(structure, name)
     names = tuple(inspect.signature(function).parameters)
     if len(names) == 1:
@@ -331,12 +336,13 @@ def _arguments(structure: LagrangianStructure, name: str) -> tuple[str, ...]:
 
 
 def checked(name: str, given: object, known: set[sympy.Symbol]) -> sympy.Expr:
-    """The expression that a method returned, if it is smooth, finite, real and of known symbols.
+    """Return the result of a method as an expression, after a check.
 
     Raises
     ------
     ValueError
-        Naming the method.
+        Naming the method: when the result is not smooth, finite and real, or has other symbols than
+        the known ones.
     """
     from sympy import I, nan, oo, zoo
     from sympy.core.function import Application
@@ -357,7 +363,7 @@ def checked(name: str, given: object, known: set[sympy.Symbol]) -> sympy.Expr:
 
 
 def form_of(expression: Any, numbers: dict[Any, Any]) -> Any:
-    """The expression with a symbol for each number; `numbers` gets these, modified in place."""
+    """Replace each number of an expression by a symbol; `numbers` gets these symbols, in place."""
     from sympy import Add, Symbol
 
     if expression.is_Number:
@@ -382,7 +388,7 @@ def form_of(expression: Any, numbers: dict[Any, Any]) -> Any:
 
 
 def derivation_of(structure: LagrangianStructure, size: int) -> Derivation:
-    """The equations of motion, and the matrices of small oscillations about zero.
+    """Return the equations of motion, and the matrices of small oscillations about zero.
 
     Raises
     ------

@@ -16,13 +16,13 @@ if TYPE_CHECKING:
     import sympy
 
 _MOST_KEPT = 64
-"""Forms whose derivatives are kept."""
+"""Largest number of forms whose derivatives are kept."""
 
 
 @final
 @dataclass(frozen=True, eq=False)
 class Form:
-    """A function y(x) of coordinates, with symbols for numbers, and its derivatives.
+    """A function y(x) of coordinates with its derivatives; its numbers are symbols.
 
     Attributes
     ----------
@@ -59,13 +59,13 @@ class Form:
 
 @final
 class CoordinateFunction:
-    """A function y(x) of coordinates with the numbers of one structure.
+    """A function y(x) of coordinates, with the numbers of one structure.
 
     Attributes
     ----------
     form : Form
     numbers : (p,) float
-        Complex, where they have imaginary changes; so may positions be then, but not for `bend`.
+        Complex if they have imaginary changes. Positions may be complex as well, except in `bend`.
     """
 
     def __init__(self, form: Form, numbers: Array) -> None:
@@ -101,7 +101,7 @@ class CoordinateFunction:
         return out.reshape(*x.shape[:-1], -1)
 
     def _changed(self, x: Array) -> Array:
-        """The value and its gradient, (1 + N,), at one position (N,), with imaginary changes."""
+        """Value and gradient, (1 + N,), at one position (N,), with their imaginary changes."""
         from dynkit.systems.symbolic import kernels
 
         n, still = len(x), CoordinateFunction(self.form, self.numbers.real.copy())

@@ -27,10 +27,11 @@ if TYPE_CHECKING:
 # Limit on the elements of a matrix, summed over all cached derivations: about 160 MB.
 _MOST_KEPT = 4_000_000
 
-# Limit on their number: modes of machines with elements are kept beside them, half a MB or so each.
+# Limit on the number of derivations: modes of machines with elements are kept with each, about
+# half a MB.
 _MOST = 64
 
-# A table shows at most so many modes, and derives none for more masses than this.
+# A table shows at most `_MODES` modes. It derives no modes for more than `_MASSES` masses.
 _MODES, _MASSES = 5, 100
 
 
@@ -49,8 +50,8 @@ class LagrangianStructure(Extensible, Shown, ABC):
 
     Equal structures share one derivation in each process. Two structures are equal when their
     classes and their fields are equal (or their attributes, if they are no dataclasses). Fields
-    that are named in `structure_independent` may differ, unless an energy of this class uses them.
-    A derivation is shared only if all fields are numbers, strings, arrays or tuples of these.
+    named in `structure_independent` may differ, unless an energy of this class uses them. A
+    derivation is shared only if all fields are numbers, strings, arrays or tuples of these.
 
     For many bodies write long sums as ``sympy.Add(*terms)``: Python's ``sum`` takes quadratic time.
 
@@ -99,7 +100,7 @@ class LagrangianStructure(Extensible, Shown, ABC):
     def dissipation(self, v: tuple[sympy.Symbol, ...]) -> sympy.Expr:  # noqa: ARG002
         """Rayleigh's dissipation function D, half the power lost: the damping force is -dD/dv.
 
-        A positive semidefinite quadratic form in the N velocities; none by default.
+        It is a positive semidefinite quadratic form in the N velocities, zero by default.
         """
         from sympy import Integer
 
@@ -135,8 +136,9 @@ class LagrangianStructure(Extensible, Shown, ABC):
     def modes(self) -> Modes:
         """Normal modes, computed from the exact coefficients of the energies.
 
-        A frequency is exactly 0 where the potential energy is singular to double-double rounding.
-        To have rigid-body motions recognised, write springs as squares of differences.
+        A frequency is exactly 0 where the potential energy is singular up to double-double
+        rounding. Rigid-body motions are recognised if springs are written as squares of
+        differences.
         """
         return self._derivation.modes
 
@@ -145,7 +147,7 @@ class LagrangianStructure(Extensible, Shown, ABC):
         return shared_derivation(self)
 
     def _has_energies_of(self, kind: type[LagrangianStructure]) -> bool:
-        """Whether no energy of a base class is overridden."""
+        """Whether the energies are those of a base class, without overriding."""
         return all(
             getattr(type(self), name) is getattr(kind, name)
             for name in ("kinetic", "potential", "dissipation")
@@ -191,20 +193,20 @@ _lock = RLock()
 
 
 class _Derivations:
-    """The derivations used last: at most `_MOST`, with `_MOST_KEPT` matrix elements, or one."""
+    """The last used derivations: one, or at most `_MOST` with `_MOST_KEPT` matrix elements."""
 
     def __init__(self) -> None:
         self._kept: OrderedDict[Hashable, Derivation] = OrderedDict()
         self._entries = 0
 
     def known(self, key: Hashable) -> Derivation | None:
-        """The derivation that was kept under a key, or None."""
+        """Return the derivation that was kept under a key, or None."""
         if key in self._kept:
             self._kept.move_to_end(key)
         return self._kept.get(key)
 
     def keep(self, key: Hashable, found: Derivation) -> None:
-        """Keep a derivation; drop those that have not been used for longest."""
+        """Keep a derivation; drop the least recently used ones."""
         self._kept[key] = found
         self._entries += found.mass.size**2
         while len(self._kept) > 1 and (self._entries > _MOST_KEPT or len(self._kept) > _MOST):
@@ -216,7 +218,7 @@ _derivations = _Derivations()
 
 
 def shared_derivation(structure: LagrangianStructure) -> Derivation:
-    """The derivation of a structure, which equal structures share."""
+    """Return the derivation of a structure, which equal structures share."""
     key = _key(structure)
     with _lock:
         if key is None:
@@ -224,18 +226,18 @@ def shared_derivation(structure: LagrangianStructure) -> Derivation:
         known = _derivations.known(key)
         if known is None:
             known = watched(structure)._derive()
-            _derivations.keep(_key(structure), known)  # by now it is known which fields are used
+            _derivations.keep(_key(structure), known)  # the key, now that the used fields are known
         return known
 
 
 def share_derivation(one: LagrangianStructure, other: LagrangianStructure) -> bool:
-    """Whether two structures have the same energies, also where neither is kept any more."""
+    """Whether two structures have the same energies, even if no derivation is kept."""
     key = _key(one)
     return key is not None and key == _key(other)
 
 
 def watched(structure: _Structure) -> _Structure:
-    """Return the same structure, of a class that notes what energies use."""
+    """Return the same structure, of a class that records the fields that energies use."""
     found: Any = object.__new__(watching(type(structure)))
     vars(found).update(without_cached(structure))
     return cast("_Structure", found)
@@ -247,7 +249,7 @@ def independent(kind: type[LagrangianStructure]) -> frozenset[str]:
 
 
 def _key(structure: LagrangianStructure) -> Hashable | None:
-    """A key that is equal for structures with the same energies; None where none can be made."""
+    """Key that is equal for structures with the same energies; None if a field has no key."""
     kind = type(structure)
     # A dataclass's fields are among its attributes.
     used = sorted(vars(structure).keys() - independent(kind) - cached_in(kind))

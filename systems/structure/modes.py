@@ -1,4 +1,4 @@
-"""Normal modes of a structure, with frequencies and decays beyond double precision."""
+"""Normal modes of a structure; frequencies and decays have more than double precision."""
 
 import time
 from dataclasses import dataclass, fields
@@ -29,7 +29,8 @@ from dynkit.systems.structure.refinement import Eigenpairs, refine
 from dynkit.systems.structure.symmetric import SymmetricMatrix
 from dynkit.systems.structure.traction import Traction
 
-# Larger ratios of damping to stiffness or mass may overflow: such damping is not proportional.
+# Larger ratios of damping to stiffness or mass may overflow; then `proportional` is decided by the
+# modal matrix.
 _LARGEST_RATIO = Fraction(2) ** 1000
 # Relative error of rounding to a double: half an ulp.
 _HALF_ULP = 2.0**-53
@@ -72,19 +73,20 @@ class Modes(Saved):
 
     Notes
     -----
-    Modes whose eigenvalues agree to about 1e-28 of the largest one form a single eigenspace. Their
-    columns are an orthonormal basis of it; `error` does not refer to the choice of that basis.
+    Modes whose eigenvalues differ by less than about 1e-28 of the largest one form a single
+    eigenspace. Their columns are an orthonormal basis of it; `error` does not include the choice of
+    this basis.
 
-    Where the last entry of a column is smaller than the column's error, its sign has no meaning.
+    If the last entry of a column is smaller than the column's error, its sign is not determined.
 
-    Double-double arithmetic sets the limit. With a ratio of 1e12 between masses, or between
-    stiffnesses, all results have full double precision. With 1e12 in both, alternating along a
-    chain of ten, the frequencies still have it, but close low modes mix: entries of the modal
-    matrix have an error of 6e-9, and `error` is 2e-6.
+    The precision of double-double arithmetic limits the results. With a ratio of 1e12 between
+    masses, or between stiffnesses, all results have full double precision. With 1e12 in both,
+    alternating along a chain of ten, frequencies still have full precision, but close low modes
+    mix: entries of the modal matrix have an error of 6e-9, and `error` is 2e-6.
 
     With proportional damping decays are as accurate as frequencies. Otherwise they have about 20
     digits relative to the largest decay, fewer where close modes mix, and depend on the choice of
-    basis in an eigenspace.
+    the basis in an eigenspace.
     """
 
     _stored: ClassVar = (
@@ -134,7 +136,7 @@ class Modes(Saved):
 
     @classmethod
     def from_matrices(cls, mass: object, damping: object, stiffness: object) -> "Modes":
-        """Return the modes of given matrices, whose elements are assumed rounded to doubles.
+        """Return the modes of given matrices, whose elements are assumed to be rounded doubles.
 
         Parameters
         ----------
@@ -144,8 +146,8 @@ class Modes(Saved):
         Returns
         -------
         Modes
-            A frequency w is exactly 0 where rounding of the stiffnesses can explain it: where
-            w^2 <= 8 * 2^-53 * abs(phi)' abs(K) abs(phi).
+            A frequency w is exactly 0 if w^2 <= 8 * 2^-53 * abs(phi)' abs(K) abs(phi): it is then
+            zero within the rounding of the stiffnesses.
 
         Raises
         ------
@@ -173,14 +175,14 @@ class Derivation:
     mass, damping, stiffness : SymmetricMatrix
         M, C and K, definite as required.
     exact : bool
-        Whether they are exact to double-double precision; otherwise they are assumed rounded to
-        doubles.
+        Whether the matrices are exact to double-double precision; otherwise they are assumed to be
+        rounded to doubles.
     motion : Motion, optional
         Equations of motion where the energies are not quadratic. The matrices are then those of
         small oscillations about zero; the stiffness need not be semidefinite.
     traction : Traction or None
-        Friction in proportion to contact forces, which adds to C and K what is not symmetric. The
-        modes are those without it.
+        Friction proportional to contact forces, which adds terms to C and K that are not symmetric.
+        The modes are those without it.
     """
 
     mass: SymmetricMatrix
@@ -192,7 +194,7 @@ class Derivation:
 
     @classmethod
     def from_matrices(cls, mass: object, damping: object, stiffness: object) -> "Derivation":
-        """Of given matrices; parameters and refusals are those of `Modes.from_matrices`."""
+        """Return the derivation of given matrices: see `Modes.from_matrices`."""
         m = _checked("mass", mass, None)
         c = _checked("damping", damping, len(m))
         k = _checked("stiffness", stiffness, len(m))
@@ -204,9 +206,9 @@ class Derivation:
 
     @property
     def rounding(self) -> float:
-        """A sum that is smaller than this part of its terms is zero to rounding.
+        """Relative rounding error: a sum below this fraction of its absolute terms is zero.
 
-        It is 0 where the matrices are exact.
+        It is 0 if the matrices are exact.
         """
         return 0.0 if self.exact else 8.0 * _HALF_ULP
 
@@ -222,7 +224,7 @@ class Derivation:
 
     @cached_property
     def modes(self) -> Modes:
-        """Normal modes, derived at first access; they decide which motions are rigid.
+        """Normal modes, computed at first access; zero frequencies define the rigid motions.
 
         Raises
         ------
@@ -238,7 +240,7 @@ class Derivation:
 def _modes_of(given: Derivation) -> Modes:
     began = time.perf_counter()
     mass, damping, stiffness = given.mass, given.damping, given.stiffness
-    # Powers of two, so that no square over- or underflows on the way.
+    # Scaling by powers of two avoids overflow and underflow of squares.
     heavy, stiff = mass.exponent, stiffness.exponent
     solved = _solved(stiffness, mass)
     squared = _without_rounding_modes(solved, given.rounding)
@@ -284,7 +286,7 @@ def _checked(name: str, value: object, size: int | None) -> Array:
 
 
 def _without_rounding_modes(solved: Eigenpairs, rounding: float) -> DoubleDouble:
-    """The squared frequencies; those that are zero to rounding are set to zero."""
+    """Squared frequencies; those that are zero up to rounding are set to zero."""
     rigid = solved.values.high <= np.maximum(solved.values_error, rounding * solved.rounding_level)
     return DoubleDouble(
         np.where(rigid, 0.0, solved.values.high), np.where(rigid, 0.0, solved.values.low)
@@ -292,7 +294,7 @@ def _without_rounding_modes(solved: Eigenpairs, rounding: float) -> DoubleDouble
 
 
 def _with_tip_outwards(matrix: DoubleDouble) -> DoubleDouble:
-    """Columns with the sign that makes their last nonzero entry positive."""
+    """Give each column the sign that makes its last nonzero entry positive."""
     nonzero = matrix.high[::-1] != 0.0
     last = len(nonzero) - 1 - np.argmax(nonzero, axis=0)
     sign = np.sign(matrix.high[last, np.arange(len(last))])
@@ -306,9 +308,9 @@ def _decay(
     squared: DoubleDouble,
     matrix: DoubleDouble,
 ) -> tuple[DoubleDouble, bool]:
-    """Half the modal damping, and whether the damping leaves the modes uncoupled.
+    """Return half the modal damping, and whether the damping leaves the modes uncoupled.
 
-    The squared frequencies are those of the scaled matrices, from the refinement.
+    `squared` has the squared frequencies of the scaled matrices, from the refinement.
     """
     ratio = _exact_ratio(damping, stiffness)
     if ratio is not None:
@@ -334,7 +336,7 @@ def _decay(
 
 
 def _exact_ratio(first: SymmetricMatrix, second: SymmetricMatrix) -> Fraction | None:
-    """The number g for which first = g second exactly; None without one, or where it overflows."""
+    """The number g with first = g second exactly; None if there is none, or if it overflows."""
     if not len(first.high):
         return Fraction(0)
     if not (

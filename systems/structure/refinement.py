@@ -6,10 +6,10 @@ Aishima):
     lambda_i = s_ii / (1 - r_ii),   x_j <- x_j + sum_i x_i e_ij,
     e_ij = (s_ij + lambda_j r_ij) / (lambda_j - lambda_i),   e_ii = r_ii / 2.
 
-The numerator is x_i . w_j with the residual w_j = K x_j - lambda_j M x_j. Only the residual
-cancels: it is formed in double-double arithmetic, and everything after it needs few correct digits,
-so that plain matrix products serve. Eigenvalues that the first approximation cannot tell apart are
-separated by a small eigenproblem of their own, whose matrix comes from the same residuals.
+The numerator is x_i . w_j with the residual w_j = K x_j - lambda_j M x_j. Cancellation occurs only
+in the residual, which is computed in double-double arithmetic. All further steps need few correct
+digits and use matrix products in doubles. Eigenvalues that the first approximation cannot separate
+are separated by a small eigenproblem, whose matrix follows from the same residuals.
 
 References
 ----------
@@ -37,9 +37,9 @@ from dynkit.systems.structure.double_double import (
 )
 from dynkit.systems.structure.symmetric import BLOCK, SymmetricMatrix
 
-# A larger correction is no small one: its pair of modes is not separated yet.
+# Largest correction that counts as small; beyond it the pair of modes is not yet separated.
 _SMALL = 2.0**-7
-# The error that is left after a step when no further step is worth its cost.
+# The iteration ends when the error after a step is below this.
 _NEGLIGIBLE = 2.0**-66
 _MOST_STEPS = 30
 
@@ -59,7 +59,7 @@ class Eigenpairs:
     vectors_error : array, shape (N,)
         Estimate of the error of each column of `vectors`, relative to its largest entry.
     rounding_level : array, shape (N,)
-        abs(x)' abs(K) abs(x): an eigenvalue far below it hangs on a cancellation of stiffnesses.
+        abs(x)' abs(K) abs(x): an eigenvalue far below it results from cancellation of stiffnesses.
     """
 
     values: DoubleDouble
@@ -71,7 +71,7 @@ class Eigenpairs:
 
 @dataclass(frozen=True, eq=False)
 class _Residuals:
-    """What one product with K and one with M tell about approximate eigenvectors."""
+    """Results of one product with K and one with M for approximate eigenvectors."""
 
     values: DoubleDouble  # Rayleigh quotients, (N,)
     squares: DoubleDouble  # x'Mx, (N,)
@@ -81,17 +81,17 @@ class _Residuals:
 
 @dataclass(frozen=True, eq=False)
 class _Step:
-    """One step of refinement, not yet taken."""
+    """One step of refinement, before the eigenvectors are changed."""
 
     values: DoubleDouble  # Rayleigh quotients, (N,)
     squares: DoubleDouble  # x'Mx, (N,)
     gaps: Array  # lambda_j - lambda_i, (N, N)
     numerators: Array  # x_i . (K x_j - lambda_j M x_j), (N, N)
-    noise: Array  # what rounding leaves uncertain in the numerators, (N, N)
+    noise: Array  # rounding errors of the numerators, (N, N)
     corrections: Array  # E without its diagonal, (N, N)
     values_correction: Array  # second order, (N,)
-    left: Array  # second and third order of the corrections: bounds what the step leaves, (N, N)
-    alike: NDArray[np.bool_]  # pairs whose eigenvalues are one to rounding, (N, N)
+    left: Array  # second and third order of corrections: bound of the error after the step, (N, N)
+    alike: NDArray[np.bool_]  # pairs whose eigenvalues are equal up to rounding, (N, N)
     clusters: list[NDArray[np.intp]]  # modes that the corrections cannot separate
 
 
@@ -106,8 +106,8 @@ def refine(stiffness: SymmetricMatrix, mass: SymmetricMatrix) -> Eigenpairs:
     Returns
     -------
     Eigenpairs
-        Modes whose eigenvalues agree to rounding (relative to norm(K)) share an eigenspace; an
-        orthonormal basis of it is returned, and `vectors_error` does not count the choice of that
+        Modes whose eigenvalues are equal up to rounding (relative to norm(K)) share an eigenspace.
+        An orthonormal basis of it is returned; `vectors_error` does not include the choice of this
         basis.
     """
     x = _first_approximation(stiffness, mass)
@@ -116,7 +116,7 @@ def refine(stiffness: SymmetricMatrix, mass: SymmetricMatrix) -> Eigenpairs:
     for _ in range(_MOST_STEPS):
         if not step.clusters:
             left = float(np.max(step.left))
-            # A step that no longer gains has met the noise of double-double arithmetic.
+            # A step without improvement has reached the rounding of double-double arithmetic.
             if left <= _NEGLIGIBLE or left > least / 4.0:
                 break
             least = left
@@ -128,7 +128,7 @@ def refine(stiffness: SymmetricMatrix, mass: SymmetricMatrix) -> Eigenpairs:
 
 
 def _first_approximation(stiffness: SymmetricMatrix, mass: SymmetricMatrix) -> Array:
-    # Unit masses on the diagonal first: what is left does not know how unequal the masses are.
+    # Scaling to a diagonal of ones removes the effect of unequal masses.
     lengths = np.sqrt(mass.diagonal)
     scaled = stiffness.dense / lengths[:, None] / lengths
     if mass.is_diagonal:
@@ -175,12 +175,12 @@ def _step(stiffness: SymmetricMatrix, mass: SymmetricMatrix, x: Array) -> _Step:
     unsettled |= unsettled.T
     corrections[unsettled] = 0.0
     if alike.any():
-        # Orthogonality is all that can be asked for within an eigenspace.
+        # Within an eigenspace the vectors are only made orthogonal.
         settled = alike & ~unsettled
         corrections[settled] = -0.5 * (x.T @ found.moved)[settled]
     second = numerators @ corrections + (corrections + corrections.T) @ numerators
     left = np.divide(second, divisors, out=np.zeros_like(gaps), where=separable & ~unsettled)
-    # A rotation of two modes has no second order, but a third.
+    # The error of a rotation of two modes is of third order.
     size = np.abs(corrections)
     third = size @ size @ size
     return _Step(
@@ -198,10 +198,10 @@ def _step(stiffness: SymmetricMatrix, mass: SymmetricMatrix, x: Array) -> _Step:
 
 
 def _noise(stiffness: SymmetricMatrix, mass: SymmetricMatrix, x: Array, found: _Residuals) -> Array:
-    """What rounding leaves uncertain in x_i . (K x_j - lambda_j M x_j), shape (N, N)."""
+    """Rounding errors of x_i . (K x_j - lambda_j M x_j), shape (N, N)."""
     size = np.abs(x)
     forces = np.abs(stiffness.dense) @ size + np.abs(mass.dense) @ size * np.abs(found.values.high)
-    # The products with the residuals are plain ones.
+    # The products with the residuals are computed in doubles.
     lost = (stiffness.widest_row + 8) * ROUNDING * forces + 2.0**-50 * np.abs(found.residuals)
     noise: Array = size.T @ lost
     return noise
@@ -215,8 +215,8 @@ def _gaps(values: DoubleDouble) -> Array:
 
 
 def _groups(joined: NDArray[np.bool_]) -> list[NDArray[np.intp]]:
-    """The connected parts, of two modes and more, of the graph with this adjacency matrix."""
-    if not joined.any():  # as of most structures; the import takes as long as their modes
+    """Connected components, of two modes or more, of the graph with this adjacency matrix."""
+    if not joined.any():  # the usual case; the import takes as long as the modes
         return []
     from scipy.sparse.csgraph import connected_components
 
@@ -238,9 +238,9 @@ def _corrected(x: Array, step: _Step) -> DoubleDouble:
 
 
 def _separation(x: Array, mass: SymmetricMatrix, cluster: NDArray[np.intp], step: _Step) -> Array:
-    """The small eigenproblem of one cluster: its vectors as combinations of the present ones.
+    """Solve the small eigenproblem of one cluster; vectors are combinations of the present ones.
 
-    Its matrix is x'(K - shift M)x, whose elements are as small as the cluster is narrow.
+    Its matrix is x'(K - shift M)x; the size of its elements is the width of the cluster.
     """
     from scipy.linalg import eigh
 
@@ -271,7 +271,7 @@ def _assembled(stiffness: SymmetricMatrix, x: Array, step: _Step) -> Eigenpairs:
     inexact = np.abs(step.numerators) * step.left + 32.0 * step.noise * np.abs(step.corrections)
     values_error = (stiffness.widest_row + 8) * ROUNDING * level + np.sum(inexact, axis=0)
     if step.clusters:
-        # The steps ran out before every mode stood alone.
+        # Some modes were not separated within the largest number of steps.
         stuck = np.concatenate(step.clusters)
         vectors_error[stuck] = 1.0
         values_error[stuck] = np.sum(np.abs(step.numerators[:, stuck]), axis=0)

@@ -22,10 +22,9 @@ from dynkit.systems.structure.double_double import (
 )
 
 FULL = 110
-"""Bits to which products of slices are complete in double-double arithmetic."""
+"""Bits of precision for which products of slices have full double-double accuracy."""
 
-# Columns that are worked on together: 1000 x 32 doubles and their companions fit a second-level
-# cache.
+# Number of columns that are processed together: 1000 x 32 double-doubles fit a second-level cache.
 BLOCK = 32
 
 
@@ -50,8 +49,8 @@ class SymmetricMatrix:
 
     Notes
     -----
-    A sum of two springs is seldom a double. The low part keeps what its rounding would lose: the
-    soft spring that holds a stiff chain to the wall.
+    The sum of two spring constants is seldom a double. The low part keeps the digits that rounding
+    to a double would lose, for example those of a soft spring between a stiff chain and the wall.
     """
 
     size: int
@@ -64,12 +63,12 @@ class SymmetricMatrix:
     def from_fractions(
         cls, size: int, elements: Mapping[tuple[int, int], Fraction]
     ) -> "SymmetricMatrix":
-        """The matrix with the given elements on and above the diagonal, each rounded once.
+        """Return the matrix with given elements on and above the diagonal, each rounded once.
 
         Raises
         ------
         OverflowError
-            When an element is no finite double.
+            When an element exceeds the range of doubles.
         """
         pairs = {}
         for (row, column), value in elements.items():
@@ -87,7 +86,7 @@ class SymmetricMatrix:
 
     @classmethod
     def from_dense(cls, matrix: Array) -> "SymmetricMatrix":
-        """The nonzero elements of a symmetric array of shape (N, N), taken as exact."""
+        """Return the matrix of a symmetric array of shape (N, N), whose elements are exact."""
         rows, columns = np.nonzero(matrix)
         high = matrix[rows, columns]
         return cls(len(matrix), rows, columns, high, np.zeros_like(high))
@@ -102,7 +101,7 @@ class SymmetricMatrix:
 
     @property
     def is_diagonal(self) -> bool:
-        """Whether there is nothing beside the diagonal."""
+        """Whether all elements off the diagonal are zero."""
         return bool(np.all(self.rows == self.columns))
 
     @cached_property
@@ -115,21 +114,21 @@ class SymmetricMatrix:
 
     @cached_property
     def exponent(self) -> int:
-        """An even number e such that the largest element is below 2^e and not far from it."""
+        """The smallest even number e such that the largest element is below 2^e."""
         if not len(self.high):
             return 0
         exponent = int(np.frexp(np.max(np.abs(self.high)))[1])
         return exponent + exponent % 2
 
     def scaled(self, exponent: int) -> "SymmetricMatrix":
-        """The matrix times a power of two."""
+        """The matrix times 2 to the power `exponent`."""
         high, low = np.ldexp(self.high, exponent), np.ldexp(self.low, exponent)
         return replace(self, high=high, low=low)
 
     def without(self, places: NDArray[np.intp], ties: Array | None = None) -> "SymmetricMatrix":
-        """The matrix of a form of which some coordinates (h,) are zero, or follow the m others.
+        """Matrix of the quadratic form with coordinates (h,) that are zero, or follow the m others.
 
-        With ties (h, m) each is that sum of the others, and the matrix is rounded once.
+        With ties (h, m) each is this linear combination of the others; the matrix is rounded once.
         """
         number = np.arange(self.size) - np.searchsorted(np.sort(places), np.arange(self.size))
         size = self.size - len(places)
@@ -181,9 +180,9 @@ class SymmetricMatrix:
     def times(self, x: Array) -> DoubleDouble:
         """The product with an array of doubles, shape (N, m), to double-double accuracy.
 
-        The error is below ``(widest_row + 4) * ROUNDING * (abs(A) @ abs(x))``, elementwise, or,
-        where the matrix is so full that it is cut into slices for BLAS, the same with the largest
-        elements of the rows of A and of the columns of x.
+        The error is below ``(widest_row + 4) * ROUNDING * (abs(A) @ abs(x))``, elementwise. A full
+        matrix is cut into slices for BLAS; then the bound has the largest elements of the rows of A
+        and of the columns of x.
         """
         if len(self.rows) * 8 > self.size**2 and self.size > 64:
             return self._times_by_slices(x)
@@ -209,20 +208,20 @@ class SymmetricMatrix:
 
 
 def product_with(a: Array, b: DoubleDouble) -> DoubleDouble:
-    """Product of a matrix of doubles with one of double-doubles, to double-double accuracy."""
+    """Product of a matrix of doubles and one of double-doubles, to double-double accuracy."""
     return plus(exact_slices_product(a, b.high), a @ b.low)
 
 
 def product(a: DoubleDouble, b: DoubleDouble, precision: int = FULL) -> DoubleDouble:
-    """Product of two matrices of double-doubles; `precision` as of `exact_slices_product`."""
+    """Product of two matrices of double-doubles; for `precision` see `exact_slices_product`."""
     return plus(exact_slices_product(a.high, b.high, precision), a.high @ b.low + a.low @ b.high)
 
 
 def exact_slices_product(a: Array, b: Array, precision: int = FULL) -> DoubleDouble:
-    """Matrix product to double-double accuracy, or less, by plain matrix products (Ozaki's scheme).
+    """Matrix product to double-double accuracy, or less, by BLAS products (Ozaki's scheme).
 
     Both factors are cut into slices with so few bits that the products of slices are exact in
-    double precision whatever the order of the sums; those are then added in double-double
+    double precision for any order of the sums. These products are then added in double-double
     arithmetic.
 
     Parameters
@@ -230,7 +229,7 @@ def exact_slices_product(a: Array, b: Array, precision: int = FULL) -> DoubleDou
     a : array, shape (k, n)
     b : array, shape (n, m)
     precision : int
-        Bits, at most 110. Half of them cost a third of the time.
+        Bits, at most 110. Half of the bits take a third of the time.
 
     Returns
     -------
@@ -263,13 +262,13 @@ def exact_slices_product(a: Array, b: Array, precision: int = FULL) -> DoubleDou
 
 
 def _slices(a: Array, bits: int, wanted: int, axis: int) -> list[Array]:
-    """Slices whose sum is the array, each a multiple of a power of two times at most 2^bits."""
+    """Slices whose sum is the array; each is a power of two times integers of at most 2^bits."""
     slices: list[Array] = []
     rest = a
     while len(slices) < wanted and np.any(rest):
         largest = np.max(np.abs(rest), axis=axis, keepdims=True)
         exponent = np.frexp(largest)[1]
-        # Adding this number rounds away everything below its last bit.
+        # The sum with this number is rounded to the last bit of the slice.
         rounder = np.where(largest > 0.0, np.ldexp(0.75, exponent + 53 - bits), 0.0)
         part = (rest + rounder) - rounder
         slices.append(part)

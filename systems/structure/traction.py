@@ -1,4 +1,4 @@
-"""Friction in proportion to contact forces: what it adds to the matrices of a structure."""
+"""Friction proportional to contact forces, and its contribution to a structure's matrices."""
 
 from __future__ import annotations
 
@@ -32,13 +32,13 @@ class Traction(NamedTuple):
     def of(
         along: Array, weights: Array, damping: SymmetricMatrix, stiffness: SymmetricMatrix
     ) -> Traction:
-        """The forces ``along @ weights @ (C x' + K x)``, with weights (p, N)."""
+        """Return the forces ``along @ weights @ (C x' + K x)``, with weights (p, N)."""
         own = np.ascontiguousarray(weights.T)
         parts = (part.times(own) for part in (damping, stiffness))
         return Traction(along, *(DoubleDouble(high.T, low.T) for high, low in parts))
 
     def without(self, places: NDArray[np.intp], ties: Array | None) -> Traction:
-        """The same where some coordinates (h,) are zero, or follow the m others by ties (h, m)."""
+        """Return the forces if coordinates (h,) are zero, or follow the m others by ties (h, m)."""
         others = np.delete(np.arange(len(self.along)), places)
         along, parts = self.along[others], []
         if ties is not None:

@@ -1,1 +1,1 @@
-"""Maps and flows from symbols: derivatives by SymPy, machine code by LLVM or heyoka."""
+"""Maps and flows from SymPy expressions: derivatives by SymPy, machine code by LLVM or heyoka."""

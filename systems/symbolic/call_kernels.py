@@ -1,4 +1,4 @@
-"""Calls of machine code of expressions by its address, from kernels."""
+"""Calls from kernels of the machine code of expressions, by its address."""
 
 from __future__ import annotations
 
@@ -15,12 +15,12 @@ from dynkit.core.validation import Array
 _settings: Any = numba.config
 
 INTERPRETED = bool(_settings.DISABLE_JIT)
-"""Whether Numba's compiler is switched off: then code is a function of Python."""
+"""Whether Numba's compiler is switched off; then the code is a Python function."""
 
 
 @intrinsic
 def _called(_context: Any, _address: Any, state: Any, parameters: Any, out: Any) -> Any:
-    """Call machine code: void(state, parameters, out), of pointers to doubles."""
+    """Call machine code of type void(state, parameters, out), with pointers to doubles."""
     from llvmlite import ir
 
     def code(context: Any, builder: Any, signature: Any, values: Any) -> Any:
@@ -35,7 +35,7 @@ def _called(_context: Any, _address: Any, state: Any, parameters: Any, out: Any)
 
 @cache
 def caller() -> Any:
-    """Return a function of Python that calls machine code, while the compiler is switched off."""
+    """Return a Python function that calls machine code, for use without Numba's compiler."""
     from numba.core.registry import CPUDispatcher
 
     code: Any = _called

@@ -1,4 +1,4 @@
-"""What a class of expressions says of its motion: symbols in, expressions and derivatives out."""
+"""Expressions of a class's methods, called with symbols, and their derivatives."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     import sympy
 
 Structure: TypeAlias = tuple[tuple[str, Any], ...]
-"""Fields of a family that are no parameters, such as words: expressions depend on them."""
+"""Fields of a family that are no parameters, such as strings; expressions depend on them."""
 
 _REAL_NUMBERS = ("float", float)
 
@@ -32,7 +32,7 @@ class Expressions:
     values: tuple[sympy.Expr, ...]
 
     def modulo_turns(self, places: Iterable[int]) -> Expressions:
-        """Return the same with the values at these places modulo 2 pi."""
+        """Return the same expressions with the values at these places modulo 2 pi."""
         from sympy import Mod, pi
 
         values = list(self.values)
@@ -53,12 +53,12 @@ class Expressions:
 
 @cache
 def coordinate_names(function: Callable[..., Any], others: tuple[str, ...] = ()) -> tuple[str, ...]:
-    """Return the names of a function's arguments but for self and others.
+    """Return the names of a function's arguments, without self and `others`.
 
     Raises
     ------
     TypeError
-        When it has no other arguments, or one that is no plain name.
+        When it has no such arguments, or one that is not a plain name.
     """
     names = []
     for name, argument in inspect.signature(function).parameters.items():
@@ -75,12 +75,12 @@ def coordinate_names(function: Callable[..., Any], others: tuple[str, ...] = ())
 
 
 def checked_parameters(family: Any) -> None:
-    """Make the fields of a dataclass that are annotated as float finite floats.
+    """Convert the fields of a dataclass that are annotated as float to finite floats, in place.
 
     Raises
     ------
     ValueError
-        Naming the field and the value.
+        When a field is not a finite number, naming the field and the value.
     """
     for entry in dataclasses.fields(family):
         if entry.type in _REAL_NUMBERS:
@@ -89,12 +89,12 @@ def checked_parameters(family: Any) -> None:
 
 
 def structure_of(family: Family, parameters: Iterable[str]) -> Structure:
-    """Return the fields of a family, by name, that are none of its parameters.
+    """Return the fields of a family, by name, that are not parameters.
 
     Raises
     ------
     TypeError
-        When it has an attribute that is no argument: expressions of symbols do not have its value.
+        When it has an attribute that is no argument: expressions would not contain its value.
     """
     kind: Any = type(family)
     known = arguments(family)
@@ -115,14 +115,13 @@ def expressions_of(
 ) -> Expressions:
     """Call a method of a class with symbols, and return its expressions.
 
-    A scalar method returns one expression, not a tuple of as many as there are coordinates.
-
-    The attributes of ``self`` that are parameters are symbols there, too.
+    A scalar method returns one expression; any other returns a tuple, one for each coordinate. The
+    attributes of ``self`` that are parameters are symbols as well.
 
     Raises
     ------
     TypeError, ValueError
-        When the method compares symbols, returns no expressions, or not as many as coordinates.
+        When the method compares symbols, or returns no expressions or a wrong number of them.
     """
     from sympy import Symbol
 
@@ -157,7 +156,7 @@ def expressions_of(
 def _checked(
     name: str, found: object, count: int, known: set[sympy.Symbol]
 ) -> tuple[sympy.Expr, ...]:
-    """The expressions of a result, which are as many as there are coordinates."""
+    """Return the expressions of a result after a check of their number and symbols."""
     from sympy import Expr, Float, Integer
 
     if not isinstance(found, tuple | list):
@@ -184,8 +183,8 @@ def _checked(
 def derivatives(values: Iterable[sympy.Expr], symbols: Iterable[sympy.Symbol]) -> list[sympy.Expr]:
     """Return the derivatives of values by symbols, row by row.
 
-    Steps (floor, ceiling, sign, Heaviside's function) have the derivative zero: that is theirs
-    wherever they have one.
+    Step functions (floor, ceiling, sign, Heaviside's function) have the derivative zero, which is
+    their derivative wherever it exists.
     """
     symbols = tuple(symbols)
     rows = []
@@ -202,7 +201,7 @@ def derivatives(values: Iterable[sympy.Expr], symbols: Iterable[sympy.Symbol]) -
 
 
 def _without_steps(value: sympy.Expr, steps: dict[sympy.Expr, sympy.Symbol]) -> sympy.Expr:
-    """The expression with a constant in the place of each step function."""
+    """Return the expression with each step function replaced by a constant symbol."""
     from sympy import Abs, Dummy, Heaviside, Mod, ceiling, floor, frac, sign
 
     def constant(step: sympy.Expr) -> sympy.Symbol:

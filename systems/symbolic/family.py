@@ -1,4 +1,4 @@
-"""What maps and flows of machine code share: parameters as an array, and nothing made is sent."""
+"""Base class of maps and flows of machine code: parameters as an array; no code is pickled."""
 
 from __future__ import annotations
 
@@ -24,14 +24,14 @@ if TYPE_CHECKING:
 
 @cache
 def _kernels() -> Any:
-    """Kernel module, imported at the first evaluation."""
+    """Return the module of kernels, imported at the first evaluation."""
     from dynkit.systems.symbolic import kernels
 
     return kernels
 
 
 class CodedFamily(Family):
-    """Systems whose parameters are the arguments of machine code, which is made once a class."""
+    """Systems whose parameters are arguments of machine code, which is compiled once per class."""
 
     def __post_init__(self) -> None:
         checked_parameters(self)
@@ -44,7 +44,7 @@ class CodedFamily(Family):
         return np.array([getattr(self, name) for name in self.parameters], dtype=np.float64)
 
     def _filled(self, code: Code, state: Array, shape: tuple[int, ...]) -> Array:
-        """What code gives at a state, (d,), which is checked."""
+        """Return the output of code at a state, (d,), after a check of the state."""
         here, out = finite_array("state", state, (self.dimension,)), np.empty(shape)
         _kernels().apply(code.address, np.ascontiguousarray(here), self._numbers, out)
         return out
@@ -55,7 +55,7 @@ class CodedFamily(Family):
         return self._filled(program.tangent, state, (d + 1, d))[1:].copy()
 
     def _by_parameter(self, program: Program, state: Array, name: str) -> Array:
-        """The derivative, (d,), of a program's expressions by a parameter."""
+        """Return the derivative, (d,), of a program's expressions by a parameter."""
         self.value_of(name)
         names = list(self.parameters)
         shape = len(program.expressions.values), len(names)
@@ -75,7 +75,7 @@ class CodedFamily(Family):
 
 @final
 class Program:
-    """The code of a class's expressions, each part made when it is first called."""
+    """The code of a class's expressions; each part is compiled when it is first needed."""
 
     def __init__(
         self,
@@ -98,17 +98,17 @@ class Program:
 
     @cached_property
     def step(self) -> Code:
-        """Fills (d,) with the expressions."""
+        """Code that fills (d,) with the expressions."""
         return self._compiled(self.expressions.values)
 
     @cached_property
     def tangent(self) -> Code:
-        """Fills an array with the expressions, (d,), then their jacobian, (d, d) by rows."""
+        """Code that fills an array with the expressions, (d,), then their Jacobian, (d, d)."""
         return self._compiled([*self.expressions.values, *self.expressions.jacobian])
 
     @cached_property
     def by_parameters(self) -> Code:
-        """Fills (d, m) with the derivatives by the parameters."""
+        """Code that fills (d, m) with the derivatives by the parameters."""
         return self._compiled(self.expressions.by_parameters)
 
 
@@ -121,10 +121,10 @@ def program_of(
     """Return the program of a system's class, which all values of its parameters share."""
     kind: Any = type(system)
     names = tuple(system.parameters)
-    # the key holds functions and attributes, since those of a class can be replaced
+    # the key contains functions and attributes, since those of a class can be replaced
     given = kind, getattr(kind, method), names, structure_of(system, names), scalar, angles
     found = _programs.get((given, reading_of(kind)))
     if found is None:
         found = Program(*given)
-        _programs[given, reading_of(kind)] = found  # by now it is known which are used
+        _programs[given, reading_of(kind)] = found  # the used attributes are known now
     return found

@@ -1,4 +1,4 @@
-"""Flows given by expressions: Taylor's method to machine precision."""
+"""Flows given by expressions, integrated by Taylor's method to machine precision."""
 
 from __future__ import annotations
 
@@ -31,49 +31,51 @@ if TYPE_CHECKING:
     from dynkit.systems.symbolic.taylor import Taylor
 
 _ROUNDING, _TURN = 2.0**-52, 2.0 * math.pi
-# Twin motions for an error, and the disturbance of each of their steps.
+# Number of disturbed motions for an error estimate; disturbance of each step, in rounding errors.
 _TWINS, _ROUNDINGS = 3, 4.0
-# The truncation of a step is a hundredth of a rounding of the largest coordinate, or of one where
-# all are smaller.
+# Least size to which disturbances are relative. The truncation error of a step is a hundredth of a
+# rounding error of the largest coordinate, or of one if all coordinates are smaller.
 _LEAST = 2.0**-7
 _QUARTERS = 4
-# Intervals are followed in parts, so many that a logarithm is as sure as this; the first show it.
+# Numbers of parts of an interval, tried in turn; largest error of a logarithm; and the number of
+# first intervals from which this error is judged.
 _PARTS, _SURE, _PROBE = (1, 2, 4, 8, 16, 32, 64, 128), 1e-6, 16
 
 
 class SymbolicFlow(CodedFamily, Flow):
-    """A flow given by expressions: SymPy finds derivatives, heyoka follows it by Taylor's method.
+    """A flow given by expressions: derivatives by SymPy, integration by heyoka's Taylor method.
 
-    A subclass owes ``velocity(self, x, y, ...)``, which takes one SymPy symbol for each coordinate
-    and returns a tuple of their rates. The fields of the class, ``alpha: float = 9.0``, are its
-    parameters: within the method ``self.alpha`` is a symbol, too. A flow that is driven carries its
-    phase, or its time, as the last coordinate: an argument of the name ``t`` is time, whose rate
-    need not be returned.
+    A subclass must implement ``velocity(self, x, y, ...)``, which takes one SymPy symbol for each
+    coordinate and returns a tuple of their rates. The fields of the class, ``alpha: float = 9.0``,
+    are its parameters: within the method ``self.alpha`` is a symbol, too. A driven flow has its
+    phase, or its time, as the last coordinate. An argument named ``t`` is time; its rate need not
+    be returned.
 
     First integrals are methods of the same coordinates that return one expression; the class
     variable `integrals` has their names. Called with a state, they return a number.
 
-    The method is called once for a class, not for each value of a parameter, and what it returns
-    must be smooth: no comparisons, Abs, Min, Max or steps. `IntegratedFlow` takes any velocity.
-    Called with a state, ``velocity(state)`` returns numbers.
+    The method is called once for a class, not for each value of a parameter. Its expressions must
+    be smooth, without comparisons, Abs, Min, Max or step functions. `IntegratedFlow` takes any
+    velocity. Called with a state, ``velocity(state)`` returns numbers.
 
-    Steps are of order 20 and keep errors at rounding: `accuracy` says what a way of tens of steps
-    comes to, and `advance_error` looks at the motion itself. Derivatives are those of the
-    variational equations. Give the coordinates units in which they are of order one. Motions whose
-    steps collapse, as in stiff flows and near singularities, raise `CannotFollow`, those that run
-    away `Diverged`; ``IntegratedFlow(method="Radau")`` follows stiff flows.
+    Steps are of order 20, with errors of the size of rounding. `accuracy` is an estimate of the
+    error after tens of steps; `advance_error` estimates that of a given motion. Derivatives are
+    those of the variational equations. Choose units in which the coordinates are of order one.
+    Motions whose steps become too short, as in stiff flows and near singularities, raise
+    `CannotFollow`; motions that diverge raise `Diverged`. ``IntegratedFlow(method="Radau")``
+    integrates stiff flows.
 
-    It needs heyoka: ``pip install 'dynkit[flows]'``.
+    This class needs heyoka: ``pip install 'dynkit[flows]'``.
 
     Raises
     ------
     ValueError
-        When a number is not finite; when it is first followed, and ``velocity`` returns no tuple of
-        expressions, not as many as coordinates, or what is not smooth.
+        When a number is not finite. At the first integration, when ``velocity`` does not return a
+        tuple of smooth expressions, one for each coordinate.
     TypeError
-        When it is first followed, and ``velocity`` compares symbols.
+        At the first integration, when ``velocity`` compares symbols.
     ImportError
-        When it is first followed, and heyoka is not installed.
+        At the first integration, when heyoka is not installed.
 
     References
     ----------
@@ -94,7 +96,7 @@ class SymbolicFlow(CodedFamily, Flow):
     >>> pendulum.advance_error([1.0, 0.0], 10.0) < 1e-13
     True
 
-    The period of a swing, against its closed form:
+    The period of a swing, compared with its closed form:
 
     >>> from dynkit import Hyperplane, PoincareMap
     >>> from scipy.special import ellipk
@@ -118,7 +120,7 @@ class SymbolicFlow(CodedFamily, Flow):
 
     @property
     def accuracy(self) -> float:
-        """How wrong a crossing may be, relative to a state of order one: some hundred roundings."""
+        """Error of a crossing, relative to a state of order one: 128 rounding errors."""
         return 128.0 * _ROUNDING
 
     @final
@@ -139,12 +141,12 @@ class SymbolicFlow(CodedFamily, Flow):
         return float(self._by_parameter(program, state, parameter)[0])
 
     def _scalar_gradient(self, name: str, state: Array) -> Array:
-        """The derivative, (d,), of the expression that a method returns."""
+        """Return the derivative, (d,), of the expression that a method returns."""
         code = self._method(name, scalar=True).tangent
         return self._filled(code, state, (self.dimension + 1,))[1:].copy()
 
     def _method(self, name: str, scalar: bool = False) -> Program:
-        """The program of a method besides the velocity, of the same coordinates."""
+        """Return the program of another method than the velocity, with the same coordinates."""
         program = program_of(self, name, scalar=scalar)
         found = tuple(symbol.name for symbol in program.expressions.coordinates)
         if found != self._coordinates:
@@ -164,20 +166,20 @@ class SymbolicFlow(CodedFamily, Flow):
         ValueError
             When the state is not finite or not of that shape, or the duration is negative.
         Diverged
-            When the motion runs away to infinity.
+            When the motion diverges to infinity.
         CannotFollow
-            When 10^7 steps would not do: the flow is stiff, or near a singularity.
+            When more than 10^7 steps are needed: the flow is stiff, or near a singularity.
         """
         length = non_negative("duration", duration)
         return self._taylor.advance(self._numbers, self._checked(state), length)
 
     @final
     def advance_error(self, state: Array, duration: float) -> float:
-        """Return an estimate of how wrong `advance` is, from three disturbed motions.
+        """Return an estimate of the error of `advance`, from three disturbed motions.
 
-        They are disturbed at the start and after every step by four roundings of the state, or of
-        1/128 where it is smaller, of either sign in every coordinate. The estimate is the largest
-        distance that they reach.
+        They are disturbed before every step by four rounding errors of the largest coordinate, or
+        of 1/128 if this is larger, with random signs in every coordinate. The estimate is the
+        largest distance of their ends from the end of `advance`.
 
         Raises
         ------
@@ -242,7 +244,7 @@ class SymbolicFlow(CodedFamily, Flow):
         return all(slope == 0 for slope in self._program.expressions.jacobian[-self.dimension :])
 
     def _flash(self, start: Array, section: Stroboscope, rate: float, limit: float) -> Crossing:
-        """The next crossing of a section that the last coordinate comes to at a steady rate."""
+        """Return the next crossing of a stroboscope; the last coordinate has a constant rate."""
         to_come = -math.atan2(section.value(start), float(section.gradient(start)[-1])) % _TURN
         if to_come <= ON_SECTION * (1.0 + float(np.linalg.norm(start))):
             to_come += _TURN
@@ -258,7 +260,7 @@ class SymbolicFlow(CodedFamily, Flow):
         count, duration = non_negative_integer("n", n), positive("interval", interval)
         start = self._checked(state)
         for parts in _PARTS:
-            few = min(count, _PROBE)  # they say whether the parts are short enough
+            few = min(count, _PROBE)  # their errors show whether the parts are short enough
             found = self._stretched(start, duration, few, parts)
             if parts < _PARTS[-1] and found.errors.max(initial=0.0) > _SURE:
                 continue
@@ -269,7 +271,7 @@ class SymbolicFlow(CodedFamily, Flow):
         return found
 
     def _stretched(self, state: Array, duration: float, count: int, parts: int) -> Stretching:
-        """How intervals stretch a frame, each in so many parts."""
+        """Return the stretching of a frame by intervals, each divided into parts."""
         d, step = self.dimension, duration / parts
         here, derivatives = self._taylor.transitions(self._numbers, state, step, count * parts)
         frame = np.eye(d)
@@ -279,7 +281,7 @@ class SymbolicFlow(CodedFamily, Flow):
         return Stretching(logs, errors, np.full(count, duration), here, frame)
 
     def _part(self, state: Array, duration: float) -> Part:
-        """One part, by its quarters: growth that is undone within it is seen too."""
+        """Return one part, computed by its quarters: so growth reversed within it is noticed."""
         step = duration / _QUARTERS
         here, growths = self._taylor.transitions(self._numbers, state, step, _QUARTERS)
         for i in reversed(range(_QUARTERS - 1)):
@@ -301,15 +303,15 @@ class SymbolicFlow(CodedFamily, Flow):
 
 
 def _of_symbols(function: Any) -> bool:
-    """Whether a method is not abstract and takes no states yet."""
+    """Whether a method is not abstract and takes symbols only."""
     made = hasattr(function, "_takes_states") or getattr(function, "__isabstractmethod__", False)
     return function is not None and not made
 
 
 def take_states(cls: type, names: Iterable[str], scalar: bool) -> None:
-    """Make methods of a class, also those of its bases, take one state, (d,), of numbers as well.
+    """Make methods of a class and of its bases accept one state, (d,), of numbers as well.
 
-    A scalar method returns one expression, and of a state one number.
+    A scalar method returns one expression; for a state it returns one number.
     """
     for name in names:
         function: Any = getattr(cls, name, None)
@@ -318,7 +320,7 @@ def take_states(cls: type, names: Iterable[str], scalar: bool) -> None:
 
 
 def _of_states_too(function: Callable[..., Any]) -> Callable[..., Any]:
-    """A method of symbols that takes one state, (d,), of numbers as well."""
+    """Return a velocity that takes symbols, or one state, (d,), of numbers."""
     names = list(inspect.signature(function).parameters)
 
     @wraps(function)
@@ -336,7 +338,7 @@ def _of_states_too(function: Callable[..., Any]) -> Callable[..., Any]:
 
 
 def _method_of_states_too(function: Callable[..., Any], scalar: bool) -> Callable[..., Any]:
-    """A method of symbols, besides the velocity, that takes a state as well."""
+    """Return another method than the velocity that takes symbols, or one state of numbers."""
 
     @wraps(function)
     def method(self: SymbolicFlow, *arguments: Any) -> Any:

@@ -1,4 +1,4 @@
-"""Flows of expressions whose state jumps where a guard falls to zero."""
+"""Flows given by expressions whose state jumps when a guard falls to zero."""
 
 from __future__ import annotations
 
@@ -14,13 +14,13 @@ class SymbolicHybridFlow(SymbolicFlow, HybridFlow):
 
     Besides ``velocity`` a subclass must implement two methods of the same coordinates:
 
-    1. ``guard(self, x, y, ...)`` returns one expression. The state jumps where it falls to zero, if
+    1. ``guard(self, x, y, ...)`` returns one expression. The state jumps when it falls to zero, if
        it was positive before.
     2. ``reset(self, x, y, ...)`` returns the tuple of coordinates just after the jump.
 
     It may implement ``armed(self, x, y, ...)``, one expression: where it is not positive, the guard
-    is ignored. Fields are parameters of all of them. Called with a state, these methods return
-    numbers. Derivatives are exact.
+    is ignored. The fields of the class are parameters of all methods. Called with a state, these
+    methods return numbers. Derivatives are exact.
 
     ``ResetMap(flow, time_limit)`` is the map from one jump to the next, with orbits, multipliers,
     exponents, branches and labels.
@@ -32,8 +32,8 @@ class SymbolicHybridFlow(SymbolicFlow, HybridFlow):
 
     Examples
     --------
-    A neuron that fires at one and is tired afterwards. Between two spikes the fatigue decays, so
-    that its multiplier is exp(-period / decay):
+    A neuron that fires when its potential is one. Each spike increases a fatigue, which decays
+    between spikes: its multiplier is exp(-period / decay).
 
     >>> import numpy as np
     >>> from dynkit import ResetMap, periodic_orbit

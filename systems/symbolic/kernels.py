@@ -1,4 +1,4 @@
-"""Loops over iterates of maps whose machine code is called by its address."""
+"""Loops over iterates of maps; the machine code of a map is called by its address."""
 
 from __future__ import annotations
 
@@ -14,13 +14,13 @@ from dynkit.systems.symbolic.call_kernels import call
 
 @kernel(entry=True)
 def apply(code: Any, state: Array, parameters: Array, out: Array) -> None:
-    """Fill out, modified in place, by one call."""
+    """Fill `out`, modified in place, by one call of the code."""
     call(code, state, parameters, out)
 
 
 @kernel(entry=True)
 def apply_all(code: Any, states: Array, parameters: Array, out: Array) -> None:
-    """Fill each row of out (n, m), modified in place, by a call for that row of states (n, d)."""
+    """Fill each row of `out` (n, m), modified in place, by a call for the row of states (n, d)."""
     for i in range(len(states)):
         call(code, states[i], parameters, out[i])
 
@@ -32,7 +32,7 @@ def iterate(code: Any, parameters: Array, states: Array) -> int:
     Returns
     -------
     int
-        The first row that is not finite, at which it stops; zero where all are.
+        Number of the first row that is not finite, where the loop stops; zero if all are finite.
     """
     for i in range(1, len(states)):
         call(code, states[i - 1], parameters, states[i])
@@ -57,14 +57,14 @@ def stretch(
     Parameters
     ----------
     code
-        Fills the room with the next state, (d,), and below it the jacobian, (d, d).
+        Fills `room` with the next state, (d,), and below it the Jacobian, (d, d).
     parameters : (m,) array
     state : (d,) array
         Modified in place: the last state.
     frame : (d, k) array
         Modified in place: its columns are orthonormal.
     accuracy : float
-        Error of an entry of the jacobian, relative to its norm.
+        Error of an entry of the Jacobian, relative to its norm.
     room : (d + 1, d) array
         Modified in place.
     logs, errors : (n, k) arrays
@@ -73,7 +73,7 @@ def stretch(
     Returns
     -------
     int
-        The first iterate that is not finite, at which it stops; zero where all are.
+        Number of the first iterate that is not finite, where the loop stops; zero if there is none.
     """
     d = len(state)
     moved = room[1:]

@@ -1,4 +1,4 @@
-"""Machine code of expressions: LLVM's instructions, built one by one; no text is evaluated."""
+"""Machine code of expressions, built from LLVM instructions; no source text is evaluated."""
 
 from __future__ import annotations
 
@@ -21,9 +21,9 @@ _numbers = count()
 @final
 @dataclass(frozen=True, eq=False)
 class Code:
-    """What kernels call: an address, and what keeps the machine code at it.
+    """Machine code for kernels: its address, and the object that keeps it in memory.
 
-    Where Numba's compiler is switched off it is a Python function of three arrays.
+    If Numba's compiler is switched off, the address is a Python function of three arrays.
     """
 
     address: Any
@@ -36,10 +36,9 @@ def compiled(
     coordinates: Sequence[sympy.Symbol],
     parameters: Sequence[sympy.Symbol],
 ) -> Code:
-    """Return code that takes coordinates (d,) and parameters (m,) to the values.
+    """Return code that computes the values from coordinates (d,) and parameters (m,).
 
-    The operations are those of the expressions, each rounded, in the order in which `translate`
-    reads them.
+    The operations are those of the expressions in the order of `translate`; each one is rounded.
 
     Raises
     ------
@@ -91,7 +90,7 @@ class _Instructions:
         return self._ir.Constant(self._double, value)
 
     def call(self, name: str, *arguments: Value) -> Value:
-        if name in ("sqrt", "fabs", "floor", "ceil"):  # instructions of the processor
+        if name in ("sqrt", "fabs", "floor", "ceil"):  # the processor has instructions for these
             function = self._module.declare_intrinsic(f"llvm.{name}", [self._double])
         else:
             kind = self._ir.FunctionType(self._double, [self._double] * len(arguments))
@@ -100,7 +99,7 @@ class _Instructions:
         return self._builder.call(function, arguments)
 
     def compare(self, sign: str, a: Value, b: Value) -> Value:
-        if sign == "!=":  # true of what is not a number, as in Python
+        if sign == "!=":  # true for NaN, as in Python
             return self._builder.fcmp_unordered(sign, a, b)
         return self._builder.fcmp_ordered(sign, a, b)
 
@@ -110,12 +109,12 @@ def wrapped(
 ) -> Code:
     """Return code that calls a function of ``numba.njit`` with coordinates and parameters.
 
-    The results at the places of angles are taken modulo 2 pi.
+    The results at the indices `angles` are taken modulo 2 pi.
 
     Raises
     ------
     ValueError
-        When it does not return a tuple of as many numbers as coordinates.
+        When the function does not return a tuple of numbers, one for each coordinate.
     """
     import numba as module
     import numpy as np
@@ -133,7 +132,7 @@ def wrapped(
 
         return Code(plain, plain)
     arguments = (types.float64,) * (dimension + parameters)
-    function.get_call_template(arguments, {})  # makes the version of these arguments
+    function.get_call_template(arguments, {})  # compiles the function for these arguments
     returned = function.overloads[arguments].signature.return_type
     _returned(name, returned if isinstance(returned, types.BaseTuple) else None, dimension)
     number: Any = types.float64

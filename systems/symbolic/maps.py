@@ -1,4 +1,4 @@
-"""Maps whose step is machine code, from SymPy expressions or from a function of Numba."""
+"""Maps whose step is machine code, from SymPy expressions or from a function for Numba."""
 
 from __future__ import annotations
 
@@ -30,21 +30,21 @@ class CompiledMap(CodedFamily, Map):
     A subclass must implement ``next_state``, a static method decorated by ``numba.njit``. Its
     arguments are the coordinates and then the parameters by name; it returns a tuple of the next
     values of the coordinates. The fields of the class, ``rate: float = 3.0``, are its parameters;
-    fields that are annotated as float must be finite. Derivatives are differences, unless the
+    fields annotated as float must be finite. Derivatives are computed by differences, unless the
     subclass implements `jacobian`.
 
     Attributes
     ----------
     angles : tuple of str
-        A class variable: names of coordinates that are angles. Next states have them modulo 2 pi,
-        and their `difference` is wrapped.
+        A class variable: names of coordinates that are angles. They are taken modulo 2 pi in next
+        states, and their `difference` is wrapped.
 
     Raises
     ------
     ValueError
         When a number is not finite.
     TypeError
-        At the first call, when ``next_state`` is not of this kind.
+        At the first call, when ``next_state`` is not such a method.
 
     Examples
     --------
@@ -121,14 +121,14 @@ class SymbolicMap(CompiledMap):
     A subclass must implement ``next_state(self, x, y, ...)``. It takes one SymPy symbol for each
     coordinate and returns a tuple of as many expressions; the argument names are the names of the
     coordinates. The fields of the class, ``a: float = 1.4``, are its parameters: within the method
-    ``self.a`` is a symbol. Other fields, such as texts and tuples, keep their values.
+    ``self.a`` is a symbol. Other fields, such as strings and tuples, keep their values.
 
-    The method is called once for each class, not for each value of a parameter. It must therefore
-    not compare symbols; ``sympy.Piecewise``, ``Min``, ``Max`` and ``Abs`` choose between
+    The method is called once for each class, not for each value of a parameter. So it must not
+    compare symbols; use ``sympy.Piecewise``, ``Min``, ``Max`` or ``Abs`` to choose between
     expressions. Functions of C's mathematical library, powers, ``Mod``, ``sign`` and ``Heaviside``
     can be compiled. The derivative of a step function is zero.
 
-    Next states, the `jacobian`, derivatives by parameters, `iterate` and `stretching` are machine
+    Next states, the `jacobian`, derivatives by parameters, `iterate` and `stretching` use machine
     code. A call from Python takes about a microsecond, an iterate within a loop some nanoseconds.
 
     Attributes
@@ -179,7 +179,7 @@ class SymbolicMap(CompiledMap):
         return logs if np.isfinite(logs).all() else np.full(n, -np.inf)
 
     def _carried(self, state: Array, frame: Array, n: int, accuracy: float) -> tuple[Array, Array]:
-        """Carry a state and a frame (d, k), modified in place: logarithms (n, k), and errors."""
+        """Propagate a state and a frame (d, k), in place; return logarithms (n, k) and errors."""
         from dynkit.systems.symbolic import kernels
 
         d, k = frame.shape

@@ -1,4 +1,4 @@
-"""Taylor's method by heyoka: compiled once a class, with its variational equations."""
+"""Taylor's method by heyoka, compiled once per class, with the variational equations."""
 
 from __future__ import annotations
 
@@ -24,16 +24,19 @@ if TYPE_CHECKING:
     from dynkit.systems.symbolic.derivation import Expressions
 
 _MOST, _CHUNK = 10**7, 50_000
-"""Steps of a motion, half a minute of work; judged by the pace, every so many steps."""
+"""Largest number of steps, half a minute of work; it is estimated after every `_CHUNK` steps."""
 
 _LARGE = 30
-"""From so many equations on heyoka's code is made compact, which compiles much faster."""
+"""For more equations than this heyoka makes compact code, which compiles much faster."""
 
 CODE: dict[str, Any] = {"opt_level": 3}
-"""How far LLVM optimises. At level 0 code compiles in a tenth of the time, and is half as fast."""
+"""LLVM's optimisation level. At level 0 compilation takes a tenth of the time, the code twice."""
 
 _BITS, _MOST_CLASSES = 20, 10
-"""Steps of the tolerance in small units, so that few integrators are compiled; and their number."""
+"""Step, in bits, between tolerances for small states, and largest number of such steps.
+
+Steps are large so that few integrators are compiled.
+"""
 
 _SMOOTH = {
     *("sin", "cos", "tan", "asin", "acos", "atan", "atan2", "exp", "log", "sqrt", "erf"),
@@ -43,12 +46,12 @@ _SMOOTH = {
 
 @cache
 def heyoka(user: str = "SymbolicFlow") -> ModuleType:
-    """Return the library, silenced, for what a message calls `user`.
+    """Return the heyoka library without its warnings; `user` is the name in the error message.
 
     Raises
     ------
     ImportError
-        When it is not installed.
+        When heyoka is not installed.
     """
     try:
         import heyoka as module
@@ -65,8 +68,8 @@ def heyoka(user: str = "SymbolicFlow") -> ModuleType:
 class Taylor:
     """Integrators of one class of flows: of states, and of states with their derivatives.
 
-    What a method needs is compiled when it is first called. An integrator holds one motion at a
-    time, so that every method takes the lock.
+    Each integrator is compiled when a method first needs it. An integrator has one motion at a
+    time, so every method takes the lock.
     """
 
     def __init__(self, name: str, expressions: Expressions) -> None:
@@ -154,9 +157,10 @@ class Taylor:
         return float(abs(integrator.state).max())
 
     def _at(self, kind: int | None, parameters: Array, state: Array, size: float) -> Any:
-        """The integrator of states (None), of derivatives by states (-1) or by a parameter.
+        """Return an integrator, set to a state, with the tolerance for a motion of some size.
 
-        For a motion whose start has some size.
+        `kind` is None for states, -1 for derivatives by states, or the number of a parameter for
+        derivatives by this parameter.
         """
         digits = digits_of(size)
         if (kind, digits) not in self._integrators:
@@ -176,11 +180,11 @@ class Taylor:
         integrator = self._integrators[kind, digits]
         integrator.time = 0.0
         integrator.state[: self._dimension] = state
-        integrator.pars[:] = parameters[: len(integrator.pars)]  # the last ones may not occur
+        integrator.pars[:] = parameters[: len(integrator.pars)]  # without unused last parameters
         return integrator
 
     def _run(self, integrator: Any, state: Array, duration: float) -> None:
-        """Raise Diverged or CannotFollow where the motion does not get to a duration."""
+        """Integrate for a duration; raise Diverged or CannotFollow if the motion ends before."""
         outcomes, count = self._library.taylor_outcome, 0
         while duration > 0.0:
             outcome, *_ = integrator.propagate_until(duration, max_steps=_CHUNK)
@@ -203,7 +207,7 @@ class Taylor:
 
 @final
 class TaylorStep(Step):
-    """A step whose motion is a polynomial, as exact as the step itself."""
+    """A step whose motion is a polynomial with the accuracy of the step itself."""
 
     def __init__(self, begin: float, time: float, state: Array, coefficients: Array) -> None:
         self.begin, self.time, self.state = begin, time, state
@@ -216,7 +220,10 @@ class TaylorStep(Step):
         return np.asarray(self.coefficients @ duration**self._powers)
 
     def avoids(self, section: PoincareSection, value: float) -> bool:
-        """Whether all terms of the polynomials together do not reach a plane or a phase."""
+        """Whether the sum of the absolute terms of the polynomials is below the distance.
+
+        The distance is that from a plane or a phase at the begin of the step.
+        """
         if isinstance(section, Hyperplane):
             row, distance = section.gradient(self.state), abs(value)
         elif isinstance(section, Stroboscope):
@@ -230,7 +237,7 @@ class TaylorStep(Step):
 def series(
     name: str, expressions: Sequence[sympy.Expr], symbols: Mapping[sympy.Symbol, Value]
 ) -> list[Any]:
-    """Return heyoka's expressions of expressions, by those of their symbols.
+    """Translate expressions into heyoka's expressions; `symbols` gives those of the symbols.
 
     Raises
     ------
@@ -242,7 +249,7 @@ def series(
 
 @final
 class _Series:
-    """heyoka's expressions, as an `Arithmetic`; what is not smooth is refused."""
+    """heyoka's expressions, as an `Arithmetic`; functions that are not smooth raise an error."""
 
     def __init__(self, name: str, library: Any) -> None:
         self._name, self._library = name, library
@@ -283,9 +290,9 @@ class _Series:
 
 
 def digits_of(size: float) -> int:
-    """Bits of the tolerance of a motion of some size below that of variables of order one.
+    """Number of bits by which the tolerance is reduced for a motion of small size.
 
-    heyoka's tolerance is relative to the largest variable above one, and absolute below.
+    heyoka's tolerance is relative to the largest variable if this is above one, else absolute.
     """
     if not 0.0 < size < 2.0**-5:
         return 0

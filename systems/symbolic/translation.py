@@ -1,4 +1,4 @@
-"""From SymPy's expressions to operations on values of any kind: machine code, numbers, heyoka's."""
+"""Translation of SymPy expressions into operations, for machine code or heyoka's expressions."""
 
 from __future__ import annotations
 
@@ -10,10 +10,10 @@ if TYPE_CHECKING:
     import sympy
 
 Value: TypeAlias = Any
-"""A value of whatever kind an arithmetic works on, or a truth value of it."""
+"""A value on which an `Arithmetic` operates, or one of its truth values."""
 
 _LARGEST = 64
-"""Integer powers up to here are products."""
+"""Largest integer power that becomes a product."""
 
 _ORDER = ("<", "<=", ">", ">=", "==", "!=")
 
@@ -37,10 +37,10 @@ class Arithmetic(Protocol):
         """Return a / b."""
 
     def call(self, name: str, *arguments: Value) -> Value:
-        """Return a function of C's mathematical library: sin, pow, fmod and so on."""
+        """Return the call of a function of C's mathematical library, such as sin, pow or fmod."""
 
     def compare(self, sign: str, a: Value, b: Value) -> Value:
-        """Return the truth of a comparison, whose sign is one of Python's."""
+        """Return the truth value of a comparison; `sign` is a comparison operator of Python."""
 
     def both(self, a: Value, b: Value) -> Value:
         """Return whether both are true."""
@@ -49,7 +49,7 @@ class Arithmetic(Protocol):
         """Return whether one of them is true."""
 
     def choose(self, condition: Value, a: Value, b: Value) -> Value:
-        """Return a where the condition is true, b elsewhere."""
+        """Return a if the condition is true, else b."""
 
 
 def translate(
@@ -58,12 +58,12 @@ def translate(
     symbols: Mapping[sympy.Symbol, Value],
     arithmetic: Arithmetic,
 ) -> list[Value]:
-    """Return the values of expressions; what they have in common is worked out once.
+    """Return the values of expressions; common subexpressions are evaluated once.
 
     Parameters
     ----------
     name : str
-        What error messages call them.
+        Name of the expressions in error messages.
     expressions : sequence
     symbols : mapping
         The value of each symbol.
@@ -72,7 +72,7 @@ def translate(
     Raises
     ------
     ValueError
-        When an expression holds a function that is not known, or is not real.
+        When an expression contains an unknown function, or a number that is not real and finite.
     """
     from sympy import cse
 
@@ -112,14 +112,14 @@ class _Reading:
     def _constant(self, e: Any) -> Value:
         try:
             if e.is_real and e.is_finite:
-                # of integers the quotient is rounded once
+                # Python rounds the quotient of integers once
                 return self.make.number(e.p / e.q if e.is_Rational else float(e))
         except OverflowError:
             pass
         raise ValueError(f"{self.name} must be real and finite; got {e}")
 
     def sum(self, e: Any) -> Value:
-        """Terms with a minus are subtracted, after all others."""
+        """Return a sum; terms with a negative sign are subtracted after all others."""
         negative = [term for term in e.args if term.as_coeff_Mul()[0].is_negative]
         positive = [self.of(term) for term in e.args if term not in negative]
         taken = [self.of(-term) for term in negative]
@@ -128,7 +128,7 @@ class _Reading:
         return reduce(self.make.subtract, taken, reduce(self.make.add, positive))
 
     def product(self, e: Any) -> Value:
-        """One quotient of products."""
+        """Return a product as one quotient of products."""
         coefficient, rest = e.as_coeff_Mul()
         if coefficient.is_negative:
             return self._minus(self.of(-e))
@@ -180,7 +180,7 @@ class _Reading:
         return self.make.choose(self.make.compare(">", value, zero), one, below)
 
     def modulo(self, e: Any) -> Value:
-        """With the sign of the divisor, exactly, as Python's own."""
+        """Return the exact remainder with the sign of the divisor, as Python's modulo."""
         dividend, divisor = map(self.of, e.args)
         rest, zero = self.make.call("fmod", dividend, divisor), self.make.number(0.0)
         wrong = self.make.compare("<", self.make.multiply(rest, divisor), zero)
@@ -195,7 +195,7 @@ class _Reading:
         return reduce(lambda a, b: self.make.choose(self.make.compare(sign, a, b), a, b), values)
 
     def pieces(self, e: Any) -> Value:
-        """Not a number where no condition is true."""
+        """Return a piecewise expression; NaN where no condition is true."""
         found = self.make.number(float("nan"))
         for value, condition in reversed(e.args):
             if condition == True:  # noqa: E712  SymPy's own

@@ -1,1 +1,1 @@
-"""Periodic orbits of impact oscillators: P(n,m), and P(inf,m) that stick."""
+"""Periodic orbits of impact oscillators: P(n,m), and P(inf,m) with sticking."""

@@ -1,4 +1,4 @@
-"""Borders of a branch of orbits: what is watched, and what holds where it is zero."""
+"""Borders of a branch of orbits: test functions, and the conditions of their zeros."""
 
 from __future__ import annotations
 
@@ -16,41 +16,41 @@ from dynkit.systems.impact.orbits.flights import Curve
 
 
 class Border(Condition):
-    """A number that is watched, and the condition that it is zero.
+    """A test function along a branch, and the condition that it is zero.
 
-    A subclass must implement what is abstract here.
+    A subclass must implement the abstract methods.
 
     Parameters
     ----------
     problem : ImpactProblem
     part : int
-        Number of the state of the orbit after which it happens.
+        Number of the orbit's state after which the zero occurs.
     number : int
         Number of the impact, or of the flight.
     side : int
-        Number of the stop that a flight is watched from.
+        Number of the stop whose gap is watched.
     """
 
     kind = BifurcationKind.CB
     ends = True
-    """Whether there is no such orbit beyond."""
+    """Whether no orbit of this kind exists beyond the border."""
     unknowns = 0
     power = 1.0
-    """Power of the distance from the border to which the number is proportional."""
+    """The test function is proportional to this power of the distance from the border."""
 
     def __init__(self, problem: Any, part: int, number: int = 0, side: int = 0) -> None:
         self.problem, self.part, self.number, self.side = problem, part, number, side
 
     @abstractmethod
     def value(self, solution: Any) -> float:
-        """What is watched: positive on the admissible side; see `Event`."""
+        """Value of the test function, positive on the admissible side: see `Event`."""
 
     def left(self, solution: Any, own: Array) -> Any:  # noqa: ARG002
-        """What is left of the equations, (e + 1,), at own unknowns (e,)."""
+        """Residual (e + 1,) of the condition at its own unknowns (e,)."""
         return [self.value(solution) / self.size(solution)]
 
     def size(self, solution: Any) -> float:  # noqa: ARG002
-        """What the number is measured in."""
+        """Unit of the test function."""
         return 1.0
 
     @final
@@ -58,11 +58,11 @@ class Border(Condition):
         return np.asarray(self.left(self.problem.at(x, p), own))
 
     def begin(self, solution: Any) -> Array:  # noqa: ARG002
-        """Guess of the own unknowns, (e,), from a solution nearby."""
+        """Guess of the condition's own unknowns, (e,), from a solution near the zero."""
         return np.empty(0)
 
     def place(self, solution: Any, own: Array) -> tuple[float, int]:  # noqa: ARG002
-        """Phase and stop at which it happens: those of the impact."""
+        """Phase and stop of the zero: those of the impact."""
         return float(solution.impact_phases[self.number]), int(solution.sides[self.number])
 
     def neighbour(self, x: Array, p: Array) -> tuple[Problem, Array] | None:  # noqa: ARG002
@@ -71,7 +71,7 @@ class Border(Condition):
 
 
 class OfImpact(Border):
-    """A velocity at an impact. Beyond, the same orbit is no motion."""
+    """A test function that is a velocity at an impact; beyond its zero orbits are inadmissible."""
 
     kind, ends = BifurcationKind.GR, False
 
@@ -96,7 +96,8 @@ class VanishingImpulse(OfImpact):
 class VanishingAcceleration(Border):
     """The acceleration of the gap is zero just after an impact without rebound.
 
-    With rebound accelerations do not matter. P(n,m) goes on beyond as no motion of the oscillator.
+    With rebound the acceleration does not matter: the value is infinite. Beyond the border P(n,m)
+    continues as an inadmissible orbit.
     """
 
     def value(self, solution: Any) -> float:
@@ -113,14 +114,14 @@ class VanishingAcceleration(Border):
 
 
 def acceleration(solution: Any, i: int) -> float:
-    """Of the gap just after an impact that does not rebound; infinite where it does."""
+    """Acceleration of the gap just after impact `i` without rebound; infinite with rebound."""
     return solution.acceleration(i)[0] if solution.restitutions[i] == 0.0 else math.inf
 
 
 class Touching(Border):
-    """A curve is zero where it has its minimum, at a phase of its own.
+    """A curve is zero at its minimum, whose phase is an additional unknown.
 
-    A subclass says which curve, from which phase on, and what it and its rate are measured in.
+    A subclass defines the curve, the phase at which it begins, and the units of it and its rate.
     """
 
     ends, unknowns = False, 1
@@ -131,7 +132,7 @@ class Touching(Border):
 
     @abstractmethod
     def measures(self, solution: Any) -> Array:
-        """What the curve and its rate are measured in."""
+        """Units (2,) of the curve and of its rate."""
 
     def begin(self, solution: Any) -> Array:
         curve, begins = self.curve(solution)

@@ -1,4 +1,7 @@
-"""Exponentials of the flows of linear modes, real or with imaginary changes."""
+"""Exponentials of the state matrices of linear modes, real or with imaginary changes.
+
+A complex matrix A + i h dA has the step h = `STEP`; dA is the change of A.
+"""
 
 from __future__ import annotations
 
@@ -15,7 +18,7 @@ from dynkit.core.validation import Array
 from dynkit.orbits.newton import NoSolution
 
 _TERMS = 18
-"""Of a series of exp(A) where A is of norm one: the next one is below 1e-17."""
+"""Terms of the series of exp(A) for A of norm one: the first omitted one is below 1e-17."""
 _POWERS = np.arange(1, _TERMS + 1)
 _FACTORIALS = np.array([math.factorial(k) for k in _POWERS.tolist()], dtype=float)
 
@@ -25,11 +28,11 @@ _WITHOUT_ONE = _WEIGHTS.copy()
 _WITHOUT_ONE[0, 0] = 0.0
 
 _BRIEF, _LONGEST = 4.0, 2.0**50
-"""Norm of A t up to which a series loses few digits; largest norms."""
+"""Norm of A t up to which a series without scaling loses few digits; largest norm allowed."""
 
 
 def lifted(flow: Array, times: Array) -> Array:
-    """exp(A t) - 1, (k, d, d), of one matrix at short times (k,), whose powers are shared."""
+    """exp(A t) - 1, (k, d, d), of one matrix at short times (k,); all share the powers of A."""
     halvings = np.ceil(np.log2(np.maximum(_norm(flow) * times, 1.0))).astype(int)
     powers = np.empty((_TERMS, *flow.shape))
     powers[0] = flow
@@ -41,9 +44,9 @@ def lifted(flow: Array, times: Array) -> Array:
 
 
 def carried(flow: Any, states: Array, times: Array) -> Array:
-    """Changes (k, D) of states after times (k,) by the imaginary changes of a flow.
+    """Changes (k, D) of states (k, D) after times (k,), due to the imaginary change of a matrix.
 
-    Series of the states (k, D) at the begin, and of their changes, for times that are not long.
+    For short times, states and changes are summed as one series; for long times see `gained`.
     """
     size, out, some = _norm(flow) * times, np.zeros(states.shape), _leading(flow[None])
     brief, d, count = size <= _BRIEF, len(flow), len(some)
@@ -82,7 +85,7 @@ def gained(flows: Any, states: Array, times: Array, measures: Array) -> Array:
 
 
 def _beside(flows: Any, some: NDArray[np.intp]) -> Array:
-    """Flows (k, d, d), and beside them what their changes make of coordinates that lead."""
+    """Real matrices that propagate changes of states together with the coordinates `some`."""
     d, size = flows.shape[1], flows.shape[1] + len(some)
     out = np.zeros((len(flows), size, size))
     out[:, :d, :d], out[:, :d, d:] = flows.real, flows.imag[:, :, some] / STEP
@@ -91,9 +94,9 @@ def _beside(flows: Any, some: NDArray[np.intp]) -> Array:
 
 
 def _leading(flows: Any) -> NDArray[np.intp]:
-    """Numbers of the coordinates that changes of flows act along, and that lead these.
+    """Indices of the coordinates that the changes of matrices multiply, and of those driving them.
 
-    They evolve by themselves: those of the phase where the frequency changes.
+    These coordinates evolve by themselves. An example is the phase where the frequency changes.
     """
     links, some = flows.real.any(axis=0), flows.imag.any(axis=(0, 1))
     while (more := some | links[some].any(axis=0)).sum() > some.sum():
@@ -104,9 +107,9 @@ def _leading(flows: Any) -> NDArray[np.intp]:
 def exponentials(matrices: Any) -> Any:
     """exp(A), (k, d, d), real or with imaginary changes, by scaled series.
 
-    Infinite where they overflow. The polynomial is summed in four blocks of five powers. SciPy's
-    expm loses three to thirty times as much by rounding, for flights of an oscillator beside stiff
-    springs.
+    Entries that overflow are infinite. The polynomial is summed in four blocks of five powers. For
+    flights of an oscillator with stiff springs, the rounding error of SciPy's expm is three to
+    thirty times as large.
 
     References
     ----------
@@ -117,7 +120,7 @@ def exponentials(matrices: Any) -> Any:
 
 
 def _doubled(matrices: Any, one: float) -> Any:
-    """exp(A) with `one` 1, exp(A) - 1 with 0."""
+    """exp(A) if `one` is 1, exp(A) - 1 if it is 0."""
     norms = np.maximum.reduce(np.add.reduce(abs(matrices), axis=1), axis=1).tolist()
     if not all(norm < _LONGEST for norm in norms):
         raise NoSolution("the time between two events is too long for the fastest mode")
@@ -139,7 +142,7 @@ def _doubled(matrices: Any, one: float) -> Any:
 
 
 def _squared(out: Any, times: Sequence[int], one: float) -> Any:
-    """Square exponentials, (k, d, d), some times each, (k,); with `one` 0 those less 1."""
+    """Square exponentials (k, d, d) repeatedly, (k,) times; if `one` is 0 they are exp(A) - 1."""
     least = min(times, default=0)
     for k in range(max(times, default=0)):
         if k < least:
@@ -156,7 +159,7 @@ def _norm(flow: Any) -> float:
 
 
 def run_through(flow: Array, start: Array, times: Array, measures: Array) -> Array:
-    """States (k, D) at times (k,) from a start; of equal steps from zero on by doubling."""
+    """States (k, D) at times (k,) from a start; by doubling if the times are equal steps from 0."""
     count, step = len(times), float(times[-1]) / max(len(times) - 1, 1)
     if count < 4 or times[0] != 0.0 or (abs(np.diff(times) - step) > 1e-12 * times[-1]).any():
         each = np.broadcast_to(flow, (count, *flow.shape))
@@ -169,12 +172,12 @@ def run_through(flow: Array, start: Array, times: Array, measures: Array) -> Arr
 
 
 def moved(flows: Any, lasts: Any, measures: Array) -> Any:
-    """exp(A t), (n, D, D), in units in which states are of order one."""
+    """exp(A t), (n, D, D), computed in units in which states are of order one."""
     return _measured(exponentials, flows, lasts, measures)
 
 
 def changed(flows: Any, lasts: Any, measures: Array) -> Any:
-    """exp(A t) - 1, (n, D, D), as `moved`; of short times to as many digits."""
+    """exp(A t) - 1, (n, D, D), as in `moved`, with small relative error for short times."""
     return _measured(partial(_doubled, one=0.0), flows, lasts, measures)
 
 

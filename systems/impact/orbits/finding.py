@@ -35,11 +35,12 @@ if TYPE_CHECKING:
 def find_orbits(
     oscillator: ImpactMap, impacts: object, periods: object, *, sticking: bool = False
 ) -> list[ImpactOrbit]:
-    """All orbits that are found, the admissible ones first.
+    """Return all orbits that are found, the admissible ones first.
 
-    P(n,m), then those of larger impulses: of one impact all there are, from the closed form; of
-    more from 200 guesses at random phases, always the same. P(inf,m), then those of smaller phases:
-    from the releases of some motions. Where energies are not quadratic, P(inf,m) alone.
+    Orbits P(n,m) are in the order of falling impulses. All P(1,m) are found, from the closed form.
+    Those of more impacts are found from 200 guesses at random phases, the same in each call. Orbits
+    P(inf,m) are in the order of rising phases; they are found from the releases of some motions.
+    Where energies are not quadratic, only P(inf,m) are sought.
 
     Raises
     ------
@@ -64,7 +65,7 @@ def find_orbits(
 
 @final
 class Found:
-    """Orbits that Newton's method found, each once; its bar counts guesses and motions."""
+    """Orbits that Newton's method found, without duplicates; `bar` counts guesses and motions."""
 
     def __init__(self) -> None:
         self.bar = late_bar("search", "step")
@@ -72,13 +73,13 @@ class Found:
         self._marks: dict[tuple[int, int], list[Array]] = {}
 
     def counted(self, motions: Iterator[ImpactRecord]) -> Iterator[ImpactRecord]:
-        """Yield motions, and count each as a step of the bar."""
+        """Yield motions, and count each as a step of the progress bar."""
         for motion in motions:
             self.bar.update()
             yield motion
 
     def add(self, problem: ItineraryEquations, guess: Array) -> None:
-        """Take the orbit that Newton's method finds from a guess, (m,), if it is new."""
+        """Add the orbit that Newton's method finds from a guess, (m,), if it is new."""
         self.bar.update()
         result = correct(FixedParameters(problem, NONE), guess, problem.scale(guess), steps=30)
         if not result.converged:
@@ -94,7 +95,7 @@ class Found:
             self._solutions.append((problem, x, result.history))
 
     def holds(self, problem: ItineraryEquations, x: Array, within: float) -> bool:
-        """Whether unknowns, (m,), are so near those of an orbit, run through once or more."""
+        """Whether an orbit found before is near unknowns (m,), perhaps run through repeatedly."""
         mark, n, m = problem.canonical(x), problem.parts, problem.periods
         return any(
             _apart(mark, other) <= within
@@ -111,7 +112,7 @@ class Found:
 
 
 def _apart(mark: Array, other: Array) -> float:
-    """Largest difference of two orbits; infinite where they have not the same unknowns."""
+    """Largest difference of two orbits' marks; infinite if their numbers of marks differ."""
     return float(abs(mark - other).max()) if len(mark) == len(other) else math.inf
 
 
@@ -121,14 +122,14 @@ def _order(orbit: ImpactOrbit) -> tuple[bool, float]:
 
 
 def _solved(problem: ItineraryEquations, guess: Array, began: float) -> ImpactOrbit:
-    """The orbit that Newton's method finds from a guess, (m,)."""
+    """Return the orbit that Newton's method finds from a guess, (m,)."""
     x, history = solve(problem, guess, NONE)
     cost = Cost(time.perf_counter() - began, {"steps": len(history) - 1})
     return ImpactOrbit(*problem.in_turn(x), history, cost)
 
 
 def _has_table_alone(oscillator: ImpactMap) -> None:
-    """Raise NotImplementedError where other elements than a table act, or energies are smooth."""
+    """Raise NotImplementedError unless a table is the only element and energies are quadratic."""
     if oscillator._table_alone:
         return
     other = oscillator._own or oscillator.elements
@@ -147,13 +148,13 @@ def orbit_at(
     sides: object = None,
     impacts: object = None,
 ) -> ImpactOrbit:
-    """The orbit that Newton's method finds from phases (n,) and sides (n,) of the impacts.
+    """Return the orbit that Newton's method finds from phases (n,) and sides (n,) of the impacts.
 
     Raises
     ------
     ValueError
-        When the phases are not ascending within the periods, or not as many as the impacts; or the
-        sides not 0 or 1.
+        When the phases do not ascend within the periods, their number is not that of the impacts,
+        or a side is not the number of a stop.
     NoConvergence
     """
     _has_table_alone(oscillator)
@@ -179,12 +180,12 @@ def orbit_at(
 
 
 def orbit_of_motion(record: ImpactRecord, impacts: int, periods: int) -> ImpactOrbit:
-    """The orbit near the first n impacts of a motion.
+    """Return the orbit near the first n impacts of a motion.
 
     Raises
     ------
     NoConvergence
-        When the motion is too far from it.
+        When the motion is too far from the orbit.
     ValueError
         When nothing drives the oscillator.
     """
@@ -199,14 +200,14 @@ def orbit_of_motion(record: ImpactRecord, impacts: int, periods: int) -> ImpactO
 
 
 def sticking_orbit_of(system: ImpactMap, state: ImpactState, periods: int) -> ImpactOrbit:
-    """The orbit P(inf,m) near the motion from a state.
+    """Return the orbit P(inf,m) near the motion from a state.
 
     Raises
     ------
     NoConvergence
-        When the motion is too far from it.
+        When the motion is too far from the orbit.
     ValueError
-        When it does not stick, or not a period later.
+        When no stop releases the motion, or no stop releases it again m periods later.
     """
     began = time.perf_counter()
     return _solved(*sticking_guess(system, state, periods), began)

@@ -1,4 +1,4 @@
-"""Minima of a curve between the ends of cells that resolve it."""
+"""Kernels for the minima of a curve that is sampled at the ends of equal cells."""
 
 from __future__ import annotations
 
@@ -8,31 +8,32 @@ from dynkit.core.jit import kernel
 from dynkit.core.validation import Array
 
 LEAST, MOST = 24, 4096
-"""Cells of a flight."""
+"""Smallest and largest number of cells of a flight."""
 
 REFINEMENTS = 12
-"""Most steps of Newton's method to a minimum."""
+"""Largest number of steps of Newton's method to a minimum."""
 
 CONVERGED = 1e-5
-"""Last step of Newton's method, in cells: the next one would be the square of it."""
+"""Newton's method ends at a step below this many cells: the next step is of its square's order."""
 
 
 @kernel(entry=True)
 def find_dips(
     times: Array, values: Array, at: Array, low: Array, high: Array, ends: Array
 ) -> tuple[int, int]:
-    """Find minima at inner ends of cells, then those within cells that no inner value shows.
+    """Find minima at ends of cells (first kind), then minima inside cells only (second kind).
 
-    After a weak impact the gap rises, falls and rises again within a cell or two, and it does so
-    before one. The rates at the ends of a cell show this or, where they have the same sign, the
-    parabola through them that continues from the impact's side and is zero twice.
+    Just after a weak impact, and just before one, the gap may rise, fall and rise again within one
+    or two cells. A cell holds such a minimum if the rate changes sign from minus to plus between
+    its ends. If both rates have the same sign, it holds one if a parabola for the rate has two
+    zeros in the cell. This parabola has both rates, and the second derivative at one end.
 
     Parameters
     ----------
     times, values
         (c + 1,), (3, c + 1) ends of equal cells, and the curve with its first two derivatives
     at, low, high
-        (m,) modified in place: guesses of the times, and bounds; 2 c are enough
+        (m,) modified in place: guesses of the times of minima, and their bounds; m = 2 c is enough
     ends
         (2, m) modified in place: the curve at the ends of the cells of the second kind
 
@@ -45,7 +46,7 @@ def find_dips(
     n = 0
     for i in range(1, count):
         if values[0, i] < values[0, i - 1] and values[0, i] <= values[0, i + 1]:
-            # where the parabola through the rate, its slope and the slopes beside it is zero
+            # zero of the parabola through the rate, with its slope and the slopes at both sides
             r, b = values[1, i], values[2, i]
             move = 0.0
             if b > 0.0:
@@ -67,7 +68,7 @@ def find_dips(
             )
             if not (left or right):
                 place = r / (r - s)
-        # from the left end of the cell, and from the right one
+        # parabola with the second derivative at the left end, then the one at the right end
         for side in range(2):
             begin, end = (r, s) if side == 0 else (-s, -r)
             bent = values[2, i + side] * h
@@ -97,7 +98,7 @@ def refine_dips(
     ends: Array,
     lowest: Array,
 ) -> bool:
-    """Take one step of Newton's method for all minima, and return whether it was the last.
+    """Take one step of Newton's method for all minima, and return whether all have converged.
 
     Parameters
     ----------
@@ -106,11 +107,11 @@ def refine_dips(
     step
         length of a cell
     inner
-        number of minima of the first kind; what was taken for one of the second may be none
+        number of minima of the first kind; a guess of the second kind may belong to no minimum
     rounding
-        error of the values
+        rounding error of the values
     at, lowest
-        (n,) modified in place: guesses, and minima, infinite where there is none
+        (n,) modified in place: times, and values at the minima, infinite where there is none
     low, high, ends
         as found by `find_dips`
     """
@@ -140,7 +141,7 @@ def least_coefficient(values: Array, h: float, first: bool, last: bool) -> float
     h
         length of a cell
     first, last
-        whether the curve itself is left out where it begins, and ends
+        whether the value of the curve at its begin, and at its end, is left out
     """
     least, count = math.inf, values.shape[1] - 1
     for i in range(count + 1):

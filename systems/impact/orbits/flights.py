@@ -1,4 +1,4 @@
-"""The gap in the flights of an orbit, and other curves that ought to stay positive."""
+"""Minima of gaps in flight, and of other curves that are positive along a motion."""
 
 from __future__ import annotations
 
@@ -15,16 +15,17 @@ from dynkit.core.validation import Array
 def smallest_minimum(
     curve: Callable[[Array, int], Array], times: Array, values: Array, rounding: float = 0.0
 ) -> tuple[float, float]:
-    """Smallest of the minima of a curve inside an interval, and its time; else infinite and NaN.
+    """Smallest minimum of a curve inside an interval, and its time; infinite and NaN if none.
 
     Parameters
     ----------
     curve : callable
-        Of times (k,) and a number of orders: values and derivatives (orders, k).
+        Takes times (k,) and a number of orders; returns values and derivatives (orders, k).
     times, values : (k,), (3, k)
         Ends of equal cells that resolve it, and the curve with its first two derivatives there.
     rounding : float
-        What rounding leaves in values: where the rate is zero at first it makes dips of its own.
+        Rounding error of the values. Minima inside a cell that are less deep are left out: where
+        the rate is zero at first, rounding causes such minima.
     """
     from dynkit.systems.impact.orbits.flight_kernels import REFINEMENTS, find_dips, refine_dips
 
@@ -43,17 +44,19 @@ def smallest_minimum(
 
 @final
 class Curve:
-    """A number that a motion keeps positive for a while: the gap in a flight, a contact force.
+    """A function of time that is positive along a motion: the gap in a flight, a contact force.
 
     Parameters
     ----------
     values : callable
-        Of times (k,) from its begin, and a number of orders: it and its derivatives (orders, k).
+        Takes times (k,) from the begin and a number of orders; returns values and derivatives
+        (orders, k).
     lasts : float
+        Duration.
     sizes : (2,)
-        Sums of the absolute terms of it, and of its second derivative.
+        Sums of the absolute terms of the curve, and of its second derivative.
     smallest : (float, float), optional
-        Smallest of the minima inside, and its time, where they are known.
+        Smallest minimum inside, and its time, if they are known.
     """
 
     def __init__(
@@ -68,7 +71,7 @@ class Curve:
 
     @cached_property
     def nodes(self) -> tuple[Array, Array]:
-        """Times, and it with two derivatives (3, k), at the ends of cells that resolve it."""
+        """Ends (k,) of cells that resolve the curve, and the curve with two derivatives (3, k)."""
         from dynkit.systems.impact.orbits.flight_kernels import LEAST, MOST
 
         size, bend = self._sizes
@@ -80,7 +83,7 @@ class Curve:
 
     @cached_property
     def smallest(self) -> tuple[float, float]:
-        """Smallest of the minima inside, and its time; infinite where there is none."""
+        """Smallest minimum inside, and its time; infinite and NaN if there is none."""
         if self._smallest is not None:
             return self._smallest
         if self.lasts <= 0.0:
@@ -89,6 +92,6 @@ class Curve:
 
     @property
     def seen(self) -> float:
-        """The smallest minimum; infinite where it is rounding, as in a flight of no length."""
+        """The smallest minimum; infinite if it is below rounding, as in a flight of length zero."""
         value = self.smallest[0]
         return value if abs(value) > self.rounding else math.inf

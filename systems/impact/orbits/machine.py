@@ -1,10 +1,10 @@
-"""Oscillators as matrices, and what their motions make of small changes of any parameter.
+"""Oscillators as matrices, and derivatives of these matrices by any parameter.
 
-States z are positions, velocities, places of the sliders, sine and cosine of the phase, and 1:
-(D,), D = 2N + J + 3. In them a flight is exp(A t), contact exp(B t), gaps and forces are rows, and
-all of them follow from the masses, dashpots, springs, forces and stops by formulas that are
-analytic. So they take numbers with an imaginary part, and that of a result over that of the numbers
-is the derivative, without a difference that could cancel.
+A state z has positions, velocities, positions of sliders, sine and cosine of the phase, and 1:
+(D,), D = 2N + J + 3. A flight is exp(A t) z and a contact exp(B t) z; gaps and forces are rows. All
+matrices and rows are analytic functions of the masses, dashpots, springs, forces and stops. So
+derivatives by complex steps are possible: these numbers get a small imaginary part, and the
+imaginary part of a result, divided by the step, is the derivative, without cancellation.
 
 References
 ----------
@@ -36,18 +36,19 @@ if TYPE_CHECKING:
     from dynkit.systems.impact.simulation.driven_structure import DrivenStructure
 
 _OF_REGIME, _OF_GUARD, _LEVEL = 4, 6, 4
-"""Numbers of what a regime does, and of each of its guards."""
+"""Count of a regime's own numbers, of a guard's numbers, and index of the level among these."""
 
 _LASTING = "gap", "kick", "_pushed", "shift", "put_on", "_response"
-"""What a machine keeps that does not depend on the frequency."""
+"""Methods whose kept results do not depend on the frequency."""
 
 _AGREEMENT = 1e-12
+"""Largest relative difference of two difference quotients of a number linear in the parameter."""
 
 
 def numbers_of(oscillator: DrivenStructure, modes: Sequence[Regimes] = ()) -> Array:
-    """All numbers that its motion depends on: of the structure, its forces, and each element.
+    """All numbers that determine the motion: of the structure, its forces and each element.
 
-    And those of flights by Taylor's method in some modes.
+    The numbers of flights by Taylor's method in some modes come last.
     """
     o, excitation = oscillator, oscillator._excitation
     forces = [excitation.harmonic.real, excitation.harmonic.imag, excitation.constant]
@@ -59,13 +60,13 @@ def numbers_of(oscillator: DrivenStructure, modes: Sequence[Regimes] = ()) -> Ar
 
 
 def _beside_frequency(oscillator: DrivenStructure) -> tuple[Any, ...]:
-    """What all numbers but the frequency follow from."""
+    """Arguments that determine all numbers except the frequency."""
     o = oscillator
     return o._structure, o.harmonic_forces, o.constant_forces, o._elements
 
 
 def _numbers(element: Element) -> Array:
-    """Motion and restitution of an element, and what each of its regimes does and watches."""
+    """Numbers of an element: its motion, restitution, regimes with their guards, impact law."""
     own = [element.offset, element.amplitude, element.phase, element.drift]
     law = getattr(element, "restitution", 0.0)
     own.append(0.0 if isinstance(law, ImpactLaw) else law)
@@ -77,7 +78,7 @@ def _numbers(element: Element) -> Array:
 
 
 def _law_numbers(element: Element) -> Mapping[str, float]:
-    """Those of its impact law, if it has one: the last of its numbers."""
+    """Numbers of the element's impact law, by name; they are the last ones of the element."""
     law = getattr(element, "restitution", None)
     return law.numbers if isinstance(law, ImpactLaw) else {}
 
@@ -85,9 +86,9 @@ def _law_numbers(element: Element) -> Mapping[str, float]:
 def change_of(numbers: Callable[[float], Array], value: float) -> tuple[Array, bool]:
     """Derivative of numbers by a parameter, and whether they are linear in it.
 
-    Of what is linear differences are exact, whatever the step; steps towards zero stay in the range
-    of a parameter that has a bound, and else those away from it. Each number has a unit of its own,
-    and counts beside itself.
+    Differences of linear numbers are exact for any step. Steps are towards zero, where most
+    parameters stay in their range, or else away from zero. Each number has its own unit, to which
+    the error of its derivative is relative.
     """
     here = numbers(value)
     step = -0.25 * np.copysign(2.0 ** np.floor(np.log2(abs(value))), value) if value else 0.25
@@ -109,7 +110,7 @@ def change_of(numbers: Callable[[float], Array], value: float) -> tuple[Array, b
 
 
 def derivative(function: Callable[[float], Array], value: float) -> Array:
-    """Derivative of what is of order one, and varies over the size of the value or over one."""
+    """Derivative of a function of order one, which varies on the scale of `value` or of one."""
 
     def allowed(there: float) -> Array:
         try:
@@ -118,7 +119,7 @@ def derivative(function: Callable[[float], Array], value: float) -> Array:
             raise Refused(str(refusal)) from refusal
 
     try:
-        # steps of its own size come first: each value makes a machine
+        # the scale of the value first: each evaluation builds an oscillator
         scales = (abs(value), 1.0) if value else (1.0,)
         return parameter_difference(allowed, value, scales=scales)
     except Refused as refusal:
@@ -126,7 +127,7 @@ def derivative(function: Callable[[float], Array], value: float) -> Array:
 
 
 def difference(function: Callable[[float], Array], value: float, step: float) -> Array:
-    """Derivative from differences of fourth order, from one side at the end of what is allowed."""
+    """Derivative by differences of fourth order; one-sided at the end of the function's domain."""
     with suppress(NoSolution):
         near, far = (function(value + k * step) - function(value - k * step) for k in (1.0, 2.0))
         return np.asarray((8.0 * near - far) / (12.0 * step))
@@ -153,11 +154,11 @@ class Numbers(NamedTuple):
     matrices : (3, N, N)
         Mass, damping and stiffness.
     own : list of arrays
-        Of each element.
+        Numbers of each element.
     flights : (j,)
-        Of flights by Taylor's method, in some modes.
+        Numbers of flights by Taylor's method, in some modes.
     clock_alone : bool
-        Whether all but the frequency are zero.
+        Whether all numbers except the frequency are zero.
     """
 
     frequency: Any
@@ -169,7 +170,7 @@ class Numbers(NamedTuple):
 
     @classmethod
     def split(cls, oscillator: DrivenStructure, numbers: Any) -> Numbers:
-        """The parts of all numbers, in their order."""
+        """Split all numbers, in the order of `numbers_of`."""
         n = oscillator.degrees_of_freedom
         ends = np.cumsum([1, 3 * n, 3 * n * n, *map(_count, oscillator._elements)])
         first, forces, matrices, *own, flights = np.split(numbers, ends)
@@ -189,9 +190,9 @@ class Changes:
     Parameters
     ----------
     system : callable
-        The oscillator at values (l,) of the parameters.
+        Returns the oscillator at values (l,) of the parameters.
     modes : sequence of Regimes
-        In which flights are followed by Taylor's method.
+        Modes whose flights are computed by Taylor's method.
     """
 
     def __init__(
@@ -201,7 +202,7 @@ class Changes:
         self._known: dict[tuple[int, bytes, Any], tuple[Array, Numbers]] = {}
 
     def _form(self, p: Array) -> Any:
-        """The form of energies that are not quadratic, and of functions along which stops act."""
+        """Form of energies that are not quadratic, and of functions along which stops act."""
         if not self._modes:
             return None
         system = self._system(p)
@@ -243,9 +244,9 @@ class Changes:
 
 
 class Regimes(NamedTuple):
-    """A mode: the regimes of all elements, which of these hold, or stick, and what is watched.
+    """A mode: regimes of all elements, elements that hold or stick, and guards that are watched.
 
-    That is pairs of an element, and the number of the guard in its regime.
+    A guard is a pair: an element, and the number of the guard in the element's regime.
     """
 
     numbers: tuple[int, ...]
@@ -254,18 +255,18 @@ class Regimes(NamedTuple):
 
 
 Rubs = tuple[tuple[int, int], ...]
-"""Friction at an impact, and the sign of its slip; 0 where the impact takes all of that."""
+"""Friction elements at an impact, each with the sign of its slip; 0 if the impact stops slip."""
 
 
 @final
 class Machine:
-    """An oscillator with imaginary changes of its numbers; without them all of it is real.
+    """Matrices of an oscillator; complex if its numbers have imaginary changes, else real.
 
     Parameters
     ----------
     oscillator : DrivenStructure
-    change : see `numbers_of`
-        Times `STEP` the imaginary part of its numbers.
+    change : array, optional
+        Changes of the numbers of `numbers_of`; `STEP` times these are the imaginary parts.
     """
 
     def __init__(self, oscillator: DrivenStructure, change: Array | None = None) -> None:
@@ -287,12 +288,12 @@ class Machine:
         self._begins = [np.cumsum([5, *own]).tolist() for own in sizes]
 
     def like(self, oscillator: DrivenStructure) -> Machine:
-        """That of another oscillator; it shares what it can where the frequency alone differs."""
+        """The machine of another oscillator; shares matrices if only the frequency differs."""
         same = _beside_frequency(oscillator) == self._fixed
         return self._turned(oscillator.frequency) if same else machine_of(oscillator)
 
     def changed(self, oscillator: DrivenStructure, change: tuple[Array, Numbers]) -> Machine:
-        """That of its oscillator with changes of the numbers, whole and in parts."""
+        """The machine of the same oscillator with changes of its numbers: see `Changes.by`."""
         whole, parts = change
         if parts.clock_alone:
             return self._turned(self.frequency + 1j * STEP * parts.frequency)
@@ -307,19 +308,19 @@ class Machine:
         return out
 
     def closed(self, element: int) -> Regimes:
-        """Contact with one stop, the others open."""
+        """The mode of contact with one stop, with all other elements in their first regime."""
         numbers = tuple(int(k == element) for k in range(len(self.elements)))
         return Regimes(numbers, (element,))
 
     def restitution(self, element: int) -> Any:
-        """Of a hard stop."""
+        """Coefficient of restitution of a hard stop."""
         return self._own[element][4]
 
     def rebound(self, element: int, piece: int, rate: Any) -> tuple[Any, float]:
         """Restitution, and slope of the rebound velocity, at a rate of the gap before an impact.
 
-        Of a law those of one of its pieces, also beyond its ends; where the gap opens those of the
-        opposite rate.
+        An impact law is evaluated on its piece number `piece`, also beyond the ends of this piece.
+        A rate at which the gap opens is replaced by its opposite.
         """
         law: Any = getattr(self.elements[element], "restitution", None)
         if not isinstance(law, ImpactLaw):
@@ -336,9 +337,10 @@ class Machine:
         return r + 1j * change, slope
 
     def rebounds(self, element: int, rates: Array) -> tuple[Array, Array, Array]:
-        """Restitutions, slopes of rebound velocities, and changes of the first by numbers: (n,).
+        """Restitutions, slopes of rebound velocities, and changes of restitutions: (n,) each.
 
-        At rates (n,) of the gap before impacts, which close it.
+        The rates (n,) of the gap before the impacts are those of gaps that close. The changes are
+        due to the changes of the machine's numbers.
         """
         law: Any = getattr(self.elements[element], "restitution", None)
         if not isinstance(law, ImpactLaw):
@@ -353,7 +355,7 @@ class Machine:
         return found, slopes, changed
 
     def _law_changed(self, element: int, piece: int, velocities: Array) -> Array:
-        """Change (n,) of the restitution, at some velocities, by those of the numbers of a law."""
+        """Changes (n,) of the restitution at (n,) velocities, due to those of the law's numbers."""
         law: Any = getattr(self.elements[element], "restitution", None)
         names, out = law.numbers, np.zeros(len(velocities))
         for name, own in zip(
@@ -373,14 +375,14 @@ class Machine:
 
     @kept
     def gap(self, element: int) -> Any:
-        """Row of the gap."""
+        """Row (D,) of the gap."""
         row = -self._place(element)
         row[: self.size] = self._along[element]
         return self.elements[element].sign * row
 
     @kept
     def rate(self, element: int) -> Any:
-        """Row of the rate of the gap, or of slip."""
+        """Row (D,) of the rate of the gap, or of the slip velocity."""
         n, place = self.size, self._place(element)
         row = np.zeros(len(place), dtype=np.result_type(place, self.frequency))
         row[n : 2 * n] = self._along[element]
@@ -389,26 +391,26 @@ class Machine:
         return self.elements[element].sign * row
 
     def stretch(self, element: int) -> Any:
-        """Row of the stretch of the spring to a slider."""
+        """Row (D,) of the extension of the spring between a coordinate and its slider."""
         row = np.zeros_like(self._given[0])
         row[: self.size] = self._along[element]
         row[self.size + self.sliders[element]] = -1.0
         return self.elements[element].sign * row
 
     def flow(self, mode: Regimes) -> Any:
-        """A, (D, D), of a mode."""
+        """State matrix A (D, D) of a mode."""
         return self._mode(mode)[0]
 
     @kept
     def watched(self, mode: Regimes, element: int, guard: int) -> Any:
-        """Row of what the element watches there: guard number `guard` of its regime."""
+        """Row (D,) of guard number `guard` in the element's regime."""
         gap, rate, force, stretch, level, normal = self.weights(mode, element, guard)
         row = gap * self.gap(element) + rate * self.rate(element)
         if element in self.sliders:
             row = row + stretch * self.stretch(element)
         if element in mode.held:
             row = row + force * self.force(mode, element)
-            if led := self._led(element):  # friction that sticks together: of the sum
+            if led := self._led(element):  # elements that stick together: the sum of their levels
                 at = _OF_REGIME + _OF_GUARD * guard + _LEVEL
                 level = sum(abs(share) * self._regime(mode.numbers[k], k)[at] for k, share in led)
             if element in self.normal:
@@ -417,18 +419,18 @@ class Machine:
         return row
 
     def weights(self, mode: Regimes, element: int, guard: int) -> Any:
-        """Numbers of what the element watches there: guard number `guard` of its regime."""
+        """The six numbers of guard number `guard` in the element's regime."""
         own = self._regime(mode.numbers[element], element)[_OF_REGIME + _OF_GUARD * guard :]
         return own[:_OF_GUARD]
 
     def force(self, mode: Regimes, element: int) -> Any:
-        """Row of the force by which an element holds, or sticks, towards its side."""
+        """Row (D,) of the constraint force of an element that holds or sticks, in its direction."""
         own = self._mode(mode)[1][mode.held.index(element)]
         return self.elements[element].sign * own
 
     @kept
     def kick(self, mode: Regimes, element: int, rubs: Rubs = ()) -> Any:
-        """(D,) change by an impulse that changes the rate of the gap by one, with friction."""
+        """Change (D,) of the state by an impulse, with friction, that changes the gap rate by 1."""
         out, over = self._pushed(mode, element)
         for k, way in rubs:
             out = out - way * self.coefficient(k) * self._pushed(mode, k)[0]
@@ -436,7 +438,10 @@ class Machine:
 
     @kept
     def _pushed(self, mode: Regimes, element: int) -> tuple[Any, Any]:
-        """(D,) change by a unit impulse, what holds held, and that of the rate of the gap."""
+        """Changes of the state, (D,), and of the gap rate by a unit impulse that opens the gap.
+
+        The rates of held elements stay zero.
+        """
         n, rows, own = self.size, self._rows(mode.held), self._along[element]
         response = np.linalg.solve(self.mass, np.vstack([own, rows]).T)
         out = response[:, 0]
@@ -448,17 +453,17 @@ class Machine:
         return whole, own @ out
 
     def coefficient(self, element: int) -> Any:
-        """Kinetic coefficient of friction at a contact."""
+        """Kinetic coefficient of friction of an element at a contact."""
         return -self._regime(FORWARD, element)[3]
 
     def takes(self, mode: Regimes, element: int) -> Any:
-        """Most that an impact takes from a slip velocity, over the change of the gap's rate."""
+        """Largest change of a slip velocity by an impact, over the change of the gap's rate."""
         own, over = (self._pushed(mode, k)[1] for k in (element, self.normal[element]))
         return self.coefficient(element) * own / over
 
     @kept
     def stopped(self, mode: Regimes, rubs: Rubs) -> Any:
-        """(D, D): slip velocities that an impact takes are lost."""
+        """Matrix (D, D) of an impact that makes those slip velocities zero that it stops."""
         out: Any = np.eye(len(self._given[0]))
         for k, way in rubs:
             if not way:
@@ -467,22 +472,23 @@ class Machine:
 
     @kept
     def shift(self, element: int) -> Any:
-        """(D,) change of positions that opens the gap by one."""
+        """Change (D,) of the positions that opens the gap by one."""
         row, out = self._along[element], np.zeros_like(self._given[0].real)
         out[: self.size] = self.elements[element].sign * row / (row @ row)
         return out
 
     @kept
     def put_on(self, element: int) -> Any:
-        """(D, D): positions are moved so that the gap is zero."""
+        """Matrix (D, D) that moves the positions so that the gap becomes zero."""
         return np.eye(len(self._given[0])) - np.outer(self.shift(element), self.gap(element))
 
     @kept
     def caught(self, mode: Regimes, after: Regimes) -> Any:
-        """(D, D): of what holds or sticks after an event, and not before, rates are lost.
+        """Matrix (D, D) with which mode `after` begins at an event that ends `mode`.
 
-        By impulses along all that then holds, with friction that then slips. What then slides is
-        where its spring bears it.
+        If more elements hold or stick in `after`, impulses along all its held elements, with the
+        friction that slips then, make their relative velocities zero. Then `slid` places sliders.
+        The impulse of an impact is not part of this matrix.
         """
         out: Any = np.eye(len(self._given[0]))
         if set(after.held) - set(mode.held):
@@ -495,15 +501,15 @@ class Machine:
 
     @kept
     def _response(self, mode: Regimes) -> Any:
-        """(N, h) changes of velocities by unit impulses along what is held, with friction."""
+        """Changes (N, h) of the velocities by unit impulses along held elements, with friction."""
         return np.linalg.solve(self.mass, self._pushes(mode))
 
     def slid(self, after: Regimes) -> Any:
-        """(D, D): what slides after an event is where its spring bears it."""
+        """Matrix (D, D) that puts each slider that slips where its spring balances the friction."""
         out: Any = np.eye(len(self._given[0]))
         for k, place in self.sliders.items():
             push = self._regime(after.numbers[k], k)[0]
-            if push:  # it slides, where its spring bears the friction
+            if push:  # the slider slips: the spring force equals the friction
                 row = self.stretch(k)
                 row[-1] += push / self._regime(0, k)[1]
                 out = out.astype(np.result_type(out, row))
@@ -511,7 +517,7 @@ class Machine:
         return out
 
     def _forced(self, mode: Regimes) -> Any:
-        """Forces (N, D) in a mode, but for those of what is held."""
+        """Rows (N, D) of the forces in a mode, without the constraint forces of held elements."""
         given = self._given
         for k, element in enumerate(self.elements):
             push, stiffness, damping, _ = self._regime(mode.numbers[k], k)[:_OF_REGIME]
@@ -523,11 +529,11 @@ class Machine:
         return given
 
     def dashpots(self, mode: Regimes) -> list[float]:
-        """Those of all elements in a mode."""
+        """Damping coefficients of all elements in a mode."""
         return [float(self._regime(number, k)[2].real) for k, number in enumerate(mode.numbers)]
 
     def roughness(self, mode: Regimes) -> Array:
-        """Sums (D, D) of the absolute terms that the flow of a mode is computed from."""
+        """Sums (D, D) of the absolute terms from which the state matrix of a mode is computed."""
         n, rows = self.size, self._rows(mode.held)
         inverse, pushes = np.linalg.inv(self.mass), self._pushes(mode)
         terms = abs(inverse) @ abs(self._forced(mode))
@@ -540,7 +546,7 @@ class Machine:
 
     @kept
     def _mode(self, mode: Regimes) -> tuple[Any, Any]:
-        """Its flow, and rows of the forces along what is held."""
+        """State matrix (D, D) of a mode, and rows (h, D) of its constraint forces."""
         n, w, d = self.size, self.frequency, len(self._given[0])
         rows = self._rows(mode.held)
         both = self._driven(mode, w if any(self.dashpots(mode)) else None)
@@ -555,7 +561,7 @@ class Machine:
         out[:n, n : 2 * n] = np.eye(n)
         out[n : 2 * n] = accelerations
         for k, place in self.sliders.items():
-            # it stays on its surface, or moves as what it follows
+            # an anchored slider rests on its surface; any other moves with its coordinate
             out[n + place, n : 2 * n] = self._along[k]
             if self.elements[k].regimes[mode.numbers[k]].anchored:
                 out[n + place] -= self.elements[k].sign * self.rate(k)
@@ -564,26 +570,27 @@ class Machine:
 
     @kept
     def _driven(self, mode: Regimes, frequency: Any) -> Any:  # noqa: ARG002
-        """Accelerations (N, D + h), but for what is held, and by unit forces along that.
+        """Rows (N, D + h) of accelerations without constraint forces, and by unit ones.
 
-        Where there are dashpots they depend on the frequency, at which stops move.
+        With dashpots of elements they depend on the frequency, at which the stops move; `frequency`
+        is only a key of the kept results.
         """
         given = np.hstack([self._forced(mode), self._pushes(mode)])
         return np.linalg.solve(self.mass, given)
 
     def _regime(self, number: int, element: int) -> Any:
-        """Numbers of what an element does and watches in a regime; NoSolution where it has none."""
+        """Numbers of a regime of an element and of its guards; NoSolution without this regime."""
         found = self._own[element][self._begins[element][number] :]
         if not len(found):  # a soft stop lifts only with a dashpot
             raise NoSolution("what an element does changes there")
         return found
 
     def _pushes(self, mode: Regimes) -> Any:
-        """(N, h) what unit forces along what is held do, with the friction that they cause."""
+        """Generalized forces (N, h) of unit forces along held elements, with their friction."""
         return pushes(self._rows(mode.held), self.slips(mode, self._along))
 
     def slips(self, mode: Regimes, rows: Array) -> list[tuple[int, Array, Any]]:
-        """Friction that slips at contacts: see `pushes`; by rows (elements, N)."""
+        """Friction that slips at contacts, for rows (elements, N): an argument of `pushes`."""
         found = []
         for k, stop in self.normal.items():
             traction = self._regime(mode.numbers[k], k)[3]
@@ -596,7 +603,7 @@ class Machine:
         return self._along[list(held)]
 
     def _place(self, element: int) -> Any:
-        """Row of the place of a stop."""
+        """Row (D,) of the position of a stop."""
         offset, amplitude, phase = self._own[element][:3]
         row = np.zeros_like(self._given[0])
         row[-3], row[-2] = amplitude * np.cos(phase), -amplitude * np.sin(phase)

@@ -29,7 +29,7 @@ NONE = np.empty(0)
 
 
 class OrbitEquations(Protocol):
-    """What an orbit asks of the equations that it solves."""
+    """Equations of a periodic orbit, as `ImpactOrbit` uses them."""
 
     driven: bool
     oscillator: ImpactMap
@@ -37,10 +37,10 @@ class OrbitEquations(Protocol):
     itinerary: Any
 
     def at(self, x: Array, p: Array) -> ItinerarySolution:
-        """The motion that unknowns stand for."""
+        """Return the motion given by unknowns x and parameters p."""
 
     def free(self, *names: str) -> Any:
-        """The same equations with the named parameters free."""
+        """Return the same equations with the named parameters free."""
 
     def multipliers(self, x: Array, p: Array) -> Any:
         """Floquet multipliers (2N + J,) with J sliders."""
@@ -57,14 +57,14 @@ class OrbitEquations(Protocol):
         """Number of returns to the section in a period."""
 
     def counts(self) -> dict[str, float]:
-        """How often what happens in a period, by element."""
+        """Numbers of events in a period, by element."""
 
     def state_error(self, x: Array, p: Array, residual: float) -> float:
-        """Largest error of a section coordinate, where so large a residual is left."""
+        """Estimate of the largest error of a section coordinate, for a remaining residual."""
 
 
 PROGRESSION = "progression"
-"""Observable of orbits of machines that progress."""
+"""Name of the observable that orbits of progressing machines have in addition."""
 
 
 def progression_of(solution: ItinerarySolution) -> Array:
@@ -73,7 +73,7 @@ def progression_of(solution: ItinerarySolution) -> Array:
 
 
 def observables_of(solution: ItinerarySolution) -> dict[str, Array]:
-    """What `ImpactOrbit.observable` returns of a motion with impacts, by name."""
+    """Observables of a motion with impacts, by name: see `ImpactOrbit.observable`."""
     phases, speeds = solution.impact_phases, np.asarray(solution.relative_velocity)
     time = np.asarray((phases - solution.phases[0]) / solution.frequency)
     return {"relative_velocity": speeds, "phase": np.asarray(phases % TWO_PI), "time": time}
@@ -89,13 +89,12 @@ class ImpactOrbit(KeptSolution, PeriodicOrbit):
     positions and velocities at the beginning of each period of the forcing. For the cycle of an
     undriven machine they are those just after its events, with phases counted from the first one.
 
-    The unknowns of P(n,m) are phases and impulses, (2n,). The unknowns are others where some motion
-    has no restoring force, or the machine has other elements than hard stops. Then they are the
-    phases of the events, the impulses of the impacts among them, and positions, velocities and
-    places of sliders just before the first event. Those of P(inf,m) are the phases of releases and
-    of the impacts before the chatters, the impulses of these, and positions and velocities just
-    before each release. An orbit is admissible when simulation from each of its states finds the
-    next one.
+    The unknowns of P(n,m) are phases and impulses, (2n,), if all motions have a restoring force
+    and all elements are hard stops. Otherwise they are the phases of the events, the impulses of
+    the impacts among them, and positions, velocities and positions of sliders just before the first
+    event. The unknowns of P(inf,m) are the phases of releases and of the impacts before the
+    chatters, the impulses of these impacts, and positions and velocities just before each release.
+    An orbit is admissible when simulation from each of its states finds the next one.
     """
 
     _problem: OrbitEquations
@@ -136,7 +135,7 @@ class ImpactOrbit(KeptSolution, PeriodicOrbit):
     def label(self) -> str:
         """``P(n,m)`` or ``P(inf,m)``; ``P(n)``, with n returns to the section, without forcing.
 
-        Without a hard stop n is the number of periods, as of the label of an attractor.
+        Without a hard stop n is the number of periods, as in the label of an attractor.
         """
         if not self._problem.driven:
             return f"P({self._problem.section_returns})"
@@ -160,12 +159,12 @@ class ImpactOrbit(KeptSolution, PeriodicOrbit):
 
     @property
     def progression(self) -> Array:
-        """Change (N,) of the positions in a period, zero but for a machine that progresses.
+        """Change (N,) of the positions in a period; zero unless the machine progresses.
 
-        No spring, stop or soft stop of such a machine sees a shift of its positions; friction or
-        dashpots resist it. The states repeat but for the shift, and are zero along it at first. The
-        multiplier one of the shift is left out of `multipliers`. The `error` holds for the
-        progression as well.
+        A shift of the positions of such a machine deforms no spring and changes no gap; friction or
+        dashpots resist it. The states repeat except for the shift, and the first state is zero
+        along it. The multiplier one of the shift is left out of `multipliers`. The `error` holds
+        for the progression as well.
 
         References
         ----------
@@ -194,12 +193,13 @@ class ImpactOrbit(KeptSolution, PeriodicOrbit):
     def error(self) -> float:
         """Estimate of the largest error of a section coordinate of the states.
 
-        Of P(n,m) with hard stops only it is a bound to first order: twice the rounding
-        and the last residual of the equations, multiplied by the inverse derivative, and the
-        rounding of the states. Of all other orbits the rounding of each flight and each guard is
-        bounded, and these bounds are multiplied by the inverse derivative, as errors that are
-        independent of one another: twice the root of the sum of their squares, and the residual.
-        The error of omitted bounces is included. It is infinite where the derivative is singular.
+        For P(n,m) with hard stops only it is a bound to first order. Twice the rounding error and
+        the last residual of the equations are multiplied by the inverse Jacobian; the rounding
+        error of the states is added. For all other orbits the rounding error of each flight and
+        each guard is bounded. These bounds are multiplied by the inverse Jacobian and treated as
+        independent errors: the estimate is twice the root of the sum of their squares, plus the
+        contribution of the residual. The error of omitted bounces is included. The estimate is
+        infinite where the Jacobian is singular.
 
         References
         ----------
@@ -212,12 +212,14 @@ class ImpactOrbit(KeptSolution, PeriodicOrbit):
     def multipliers(self) -> Any:
         """Floquet multipliers, (2N + J,) complex with J sliders, the largest modulus first.
 
-        One fewer for each direction along which the machine progresses: see `progression`.
+        Each direction along which the machine progresses reduces their number by one: see
+        `progression`.
 
         They are those of the impact map, which equal those of the flow over the whole period. For
-        P(inf,m) two are zero, since contact forgets the gap and its rate. The others are those of
-        the map from a release to the same one a period later, with errors relative to the largest.
-        Each slider that slips forgets where it was: one more is zero.
+        P(inf,m) two are zero, since gap and rate are zero in contact, whatever they were before.
+        The others are those of the map from a release to the same one a period later, with errors
+        relative to the largest. Each slider that slips adds one zero multiplier: its position no
+        longer depends on its position before.
         """
         found = self._problem.multipliers(self._x, NONE)
         found.setflags(write=False)
@@ -285,8 +287,8 @@ class ImpactOrbit(KeptSolution, PeriodicOrbit):
     def observable(self, name: str) -> Array:
         """Return ``relative_velocity``, ``phase`` or ``time`` at the impacts, (n,).
 
-        Without impacts the coordinates ``state[0]`` and so on at the states. And the `progression`,
-        ``progression``, (N,), of a machine that progresses.
+        Without impacts the names are ``state[0]`` and so on, the coordinates at the states. A
+        machine that progresses has ``progression``, (N,), too: see `progression`.
         """
         return self._observables[one_of("name", name, self._observables)]
 
@@ -306,7 +308,7 @@ class ImpactOrbit(KeptSolution, PeriodicOrbit):
         Parameters
         ----------
         times : (j,) array_like
-            Any finite times; the motion is periodic, but for its `progression`.
+            Any finite times; the motion is periodic, except for its `progression`.
 
         Returns
         -------

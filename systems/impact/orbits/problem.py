@@ -44,7 +44,7 @@ if TYPE_CHECKING:
 
 
 class Layout(NamedTuple):
-    """Numbers of unknowns and equations: phases of events, impulses, and states at some of them."""
+    """Numbers of unknowns and equations: event phases, impulses, and components of states."""
 
     events: int
     impacts: int
@@ -57,9 +57,10 @@ class Layout(NamedTuple):
 
 
 def responds(oscillator: ImpactMap, itinerary: Itinerary, driven: bool) -> bool:
-    """Whether states follow from the impulses alone, as periodic responses.
+    """Whether all states follow from the impulses, as periodic responses.
 
-    That is so for impacts of one mode in which all motions have a restoring force.
+    They do if all events are impacts of hard stops with constant restitution, in the mode without
+    contact, and if all motions in this mode have a restoring force.
     """
     stops = all(isinstance(element, HardStop) for element in oscillator._elements)
     if not (driven and stops) or has_law(oscillator) or oscillator._motion is not None:
@@ -69,22 +70,22 @@ def responds(oscillator: ImpactMap, itinerary: Itinerary, driven: bool) -> bool:
 
 
 class ImpactProblem(PeriodicProblem, WatchedProblem):
-    """Periodic orbits of an impact oscillator, by the modes that they pass and their events.
+    """Periodic orbits of an impact oscillator with a given itinerary of modes and events.
 
-    The unknowns are the phases (n,) of the events, not wrapped, the impulses (k,) of the impacts
-    among them, changes of the relative velocity, and the states (2N + J,), with the places of J
-    sliders, just before the events that are nodes, the first one at least. The equations: the
-    guards are zero, (n,); gaps open after impacts at the rate of their law, (k,); each state is
-    what becomes of the one before. Where all events are impacts of one mode, whose motions all have
-    a restoring force, states follow from the impulses and are no unknowns. Of a chatter the first
-    impacts are events; the others, until contact, are simulated. Then the nodes are the releases.
-    Where nothing drives the machine the first event is at phase 0, and the first unknown the time
-    of a turn of the phase, of which the orbit takes `periods`. Nothing in the equations knows
-    whether a gap is open in between, or an impulse positive. Where an event follows another one at
-    which its guard is zero by nature, the equation is the divided difference.
+    The unknowns are the phases (n,) of the events, not wrapped; the impulses (k,) of the impacts
+    among them, as changes of the relative velocity; and the states (2N + J,), with the positions of
+    J sliders, just before the nodes. Nodes are some of the events, at least the first one. The
+    equations: the guards are zero, (n,); the gaps open after impacts at the rate of their impact
+    law, (k,); each node's state is the state to which the motion from the node before leads. Where
+    all states follow from the impulses, they are no unknowns: see `responds`. The first impacts of
+    a chatter are events; its other impacts, until contact, are simulated. Then the nodes are the
+    releases. Where nothing drives the machine the first event is at phase 0. Then the first unknown
+    is the time of one turn of the phase, and the orbit takes `periods` turns. The equations do not
+    demand open gaps between the events or positive impulses. Where a guard is zero at an earlier
+    event for any motion, the equation is a divided difference: see `divided.pairs`.
 
-    The itinerary is a tuple of `Happening`; sizes are those of positions and velocities; nodes are
-    numbers of events.
+    The itinerary is a tuple of `Happening`. `sizes` are those of positions and velocities. `nodes`
+    are the numbers of the events that are nodes.
 
     References
     ----------
@@ -145,7 +146,8 @@ class ImpactProblem(PeriodicProblem, WatchedProblem):
         Raises
         ------
         ValueError
-            When the oscillator has no such parameter, or nothing drives it and this one would.
+            When the oscillator has no such parameter, or when it is undriven and the parameter is
+            an amplitude, which would drive it.
         """
         for name in names:
             value = self.oscillator.value_of(name)
@@ -169,12 +171,12 @@ class ImpactProblem(PeriodicProblem, WatchedProblem):
             raise NoSolution(str(refusal)) from refusal
 
     def _restored(self) -> Self:
-        """The equations whose numbers were read from a store.
+        """Return the same equations after a check of arguments read from a store.
 
         Raises
         ------
         ValueError
-            When the oscillator has no such modes and events.
+            When the oscillator has no such modes or events, or nodes, periods or sizes are wrong.
         """
         count = len(self.itinerary)
         for event in self.itinerary:
@@ -193,7 +195,7 @@ class ImpactProblem(PeriodicProblem, WatchedProblem):
     def _may_happen(self, event: Happening) -> bool:
         k, elements = event.element, self.oscillator._elements
         hits = event.kicked is not None or event.chatters
-        if k == -1 and not hits:  # a period begins
+        if k == -1 and not hits:  # begin of a period of the forcing
             return True
         among = len(self.oscillator._stops) if hits else len(elements)
         rubs = all(0 <= j < len(elements) and -1 <= sign <= 1 for j, sign in event.rubs)
@@ -209,21 +211,21 @@ class ImpactProblem(PeriodicProblem, WatchedProblem):
         return type(self)(*(changes.get(name, getattr(self, name)) for name in self._arguments))
 
     def __reduce__(self) -> tuple[Any, ...]:
-        # Without what is kept for the next call.
+        # The arguments alone; caches are left out.
         return type(self), tuple(getattr(self, name) for name in self._arguments)
 
     # --- the itinerary ----------------------------------------------------------------------------
 
     @cached_property
     def layout(self) -> Layout:
-        """Of unknowns and equations."""
+        """Numbers of unknowns of each kind, which are those of the equations as well."""
         hits = len(self.course.hits)
         states = 0 if self.responds else self.dimension * len(self.nodes)
         return Layout(len(self.itinerary), hits, states)
 
     @property
     def dimension(self) -> int:
-        """Number 2N + J of positions, velocities, and places of sliders."""
+        """Number 2N + J of positions, velocities, and positions of sliders."""
         return self.oscillator.degrees_of_freedom + self.oscillator._size
 
     @cached_property
@@ -233,27 +235,27 @@ class ImpactProblem(PeriodicProblem, WatchedProblem):
 
     @cached_property
     def course(self) -> Course:
-        """The itinerary, and what is asked of it."""
+        """The itinerary, with the derived numbers of its events."""
         return Course(self.itinerary, self.nodes)
 
     @property
     def sides(self) -> Any:
-        """Of which stop each impact is, (k,)."""
+        """Number (k,) of the stop of each impact."""
         return self.course.sides
 
     @cached_property
     def pairs(self) -> list[divided.Pair | None]:
-        """Of each event the one before at which its guard is zero by nature."""
+        """For each event the earlier event at which its guard is zero for any motion, or None."""
         return divided.pairs(self.oscillator, self.itinerary, self._names)
 
     @cached_property
     def beginnings(self) -> list[Begun]:
-        """Where something begins to hold or to stick, and where it might and does not."""
+        """Events at which an element begins to hold or to stick, or could begin and does not."""
         return beginnings(self.oscillator, self.itinerary)
 
     @property
     def _flights(self) -> Sequence[Regimes]:
-        """The modes in which flights are followed by Taylor's method."""
+        """The modes whose flights are computed by Taylor's method."""
         smooth = self.oscillator._motion is not None
         return sorted({event.mode for event in self.itinerary}) if smooth else ()
 
@@ -261,22 +263,22 @@ class ImpactProblem(PeriodicProblem, WatchedProblem):
 
     @final
     def scene(self, p: Array) -> Any:
-        """What solutions at these values (k,) share; the last few are kept."""
+        """Matrices that all solutions at these values (k,) share; the last eight are kept."""
         key = p.tobytes()
         for known, scene in self._known:
             if known == key:
                 return scene
         try:
             scene = self._scene(p)
-        except Refused as refusal:  # a slope for which no dashpot makes up
+        except Refused as refusal:  # a friction slope that no dashpot compensates
             raise NoSolution(str(refusal)) from refusal
         self._known = [(key, scene), *self._known[:7]]
         return scene
 
     def _scene(self, p: Array) -> responses.Scene | passage.Scene:
-        """What solutions at these values (k,) share."""
+        """Matrices that all solutions at these values (k,) share."""
         if self.responds and self.plain:
-            # No need of a system for each value.
+            # The terms follow from the values; no oscillator is built for each value.
             values = dict(zip(self._names, p.tolist(), strict=True))
             terms = self._terms.at(self.oscillator, values)
             own = self.oscillator, self.windows, terms, self._measures
@@ -314,7 +316,7 @@ class ImpactProblem(PeriodicProblem, WatchedProblem):
 
     @final
     def at(self, x: Array, p: Array) -> Any:
-        """The motion that unknowns stand for; the last one is kept."""
+        """Return the motion given by unknowns x and parameters p; the last one is kept."""
         key = x.tobytes() + p.tobytes()
         if self._last is None or self._last[0] != key:
             x = x.copy()
@@ -323,7 +325,7 @@ class ImpactProblem(PeriodicProblem, WatchedProblem):
         return self._last[1]
 
     def _solution(self, x: Array, scene: Any) -> ResponseSolution | ShootingSolution:
-        """The motion of unknowns (m,), read-only."""
+        """Return the motion given by read-only unknowns (m,)."""
         own, impulses, states = self.layout.split(x)
         turn, phases = 0.0, np.empty(len(own) + 1)
         phases[:-1] = own
@@ -364,7 +366,7 @@ class ImpactProblem(PeriodicProblem, WatchedProblem):
     def scale(self, x: Array) -> Array:
         if self.responds:
             return self._scale
-        # a branch that climbs a resonance keeps its step size, relative to the motion
+        # units that grow with the motion keep the relative step size of a branch at a resonance
         n, d, (events, impacts, _) = self.oscillator.degrees_of_freedom, self.dimension, self.layout
         moved = abs(x[events + impacts :].reshape(-1, d)).max(axis=0)
         length, speed = np.maximum(self.sizes, [moved[:n].max(), moved[n : 2 * n].max()])
@@ -373,7 +375,7 @@ class ImpactProblem(PeriodicProblem, WatchedProblem):
 
     @cached_property
     def units_of_equations(self) -> Array:
-        """What the equations are measured in, at the oscillator's parameters."""
+        """Units (m,) of the equations, at the oscillator's parameters."""
         pushed = np.full(self.layout.impacts, self.sizes[1])
         units = np.concatenate([self._guard_units, pushed, self._state_units])
         units.setflags(write=False)
@@ -393,7 +395,7 @@ class ImpactProblem(PeriodicProblem, WatchedProblem):
         return np.array(units)
 
     def _row(self, machine: Machine, event: Happening) -> Array:
-        """Row (D,) of the size of what is watched at an event."""
+        """Row (D,) of the guard of an event; along a curved stop a row of the same magnitude."""
         acting = (event.element, *event.mode.held)
         if not any(machine.elements[k].curved for k in acting):
             return np.asarray(machine.watched(event.mode, event.element, event.guard))
@@ -403,7 +405,7 @@ class ImpactProblem(PeriodicProblem, WatchedProblem):
         return row
 
     def units(self, solution: ItinerarySolution) -> tuple[float, float, float]:
-        """What gaps, their rates and their accelerations are measured in."""
+        """Units of gaps, of their rates and of their accelerations."""
         length, speed = self.sizes
         return length, speed, speed * solution.frequency
 
@@ -432,7 +434,7 @@ class ImpactProblem(PeriodicProblem, WatchedProblem):
 
     def _numerically(self, x: Array, p: Array, k: int, s: ItinerarySolution) -> Array:
         """Derivative (m,) by the free parameter number `k`, from differences."""
-        # Small beside a turn of the fastest mode over the period.
+        # A change by h turns the fastest mode over one period by a small angle only.
         turns = s.period * float(self.oscillator.natural_frequencies[-1])
         h = 5e-3 * max(abs(float(p[k])), 1e-2) / (1.0 + turns)
 

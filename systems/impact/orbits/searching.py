@@ -1,4 +1,4 @@
-"""`ImpactOscillator.find_orbits`: periodic orbits that motions come near to."""
+"""`ImpactOscillator.find_orbits`: periodic orbits near close returns of simulated motions."""
 
 from __future__ import annotations
 
@@ -49,18 +49,20 @@ Guessed = Callable[["ImpactRecord", int, Array, int, int], Guess | None]
 """What makes a guess of a record, a place in it, the state there, and impacts and periods."""
 
 GUESSED = 3
-"""Orbits of at most so many impacts are sought from random phases, too."""
+"""Largest number of impacts of the orbits that are searched from random phases, too."""
 
-# Closest returns of each part of a motion and P(n,m): a second one, as the closest may be too bent
-# a piece of the map.
+# Number of closest returns tried for each part of a motion and each P(n,m). The second one serves
+# where the map is too curved at the closest one for Newton's method.
 _RETURNS = 2
 
 _SETTLED, _LATE = 40.0, 38.5
-"""Periods for which a motion without further impacts is followed, and where one is taken."""
+"""Periods of simulation of a motion without further impacts, and end of the period that is used."""
 
 
 def search(oscillator: ImpactMap, impacts: int, periods: int) -> OrbitSearch[ImpactOrbit]:
-    """Return orbits up to P(n,m), and what was searched: see `ImpactOscillator.find_orbits`.
+    """Return the orbits up to P(n,m) and the extent of the search.
+
+    See `ImpactOscillator.find_orbits`.
 
     Raises
     ------
@@ -72,7 +74,7 @@ def search(oscillator: ImpactMap, impacts: int, periods: int) -> OrbitSearch[Imp
     began, found, alone = time.perf_counter(), Found(), oscillator._table_alone
     counts = {"guesses": 0, "starts": 0, "impacts": 0, "returns": 0} if alone else {}
     parts: list[ImpactRecord] = []
-    first, effort = (2, MANY) if alone else (1, FEW)  # of one impact there is a closed form
+    first, effort = (2, MANY) if alone else (1, FEW)  # P(1,m) of a table has a closed form
     with found.bar:
         if alone:
             counts["guesses"] = _from_phases(found, oscillator, impacts, periods)
@@ -100,7 +102,7 @@ def search(oscillator: ImpactMap, impacts: int, periods: int) -> OrbitSearch[Imp
 
 
 def _from_phases(found: Found, oscillator: ImpactMap, impacts: int, periods: int) -> int:
-    """Try the closed form of P(1,m), and random phases; how many of the latter."""
+    """Try the closed form of P(1,m), then random phases; return the number of random guesses."""
     solvable("impacts", impacts)
     guesses = 0
     for m in range(1, periods + 1):
@@ -117,7 +119,7 @@ def _from_phases(found: Found, oscillator: ImpactMap, impacts: int, periods: int
 def _add_beside_others(
     found: Found, oscillator: ImpactMap, periods: int, sizes: list[float] | None
 ) -> None:
-    """Try motions from P(1,m) of each stop without the other elements, which have a closed form."""
+    """Try motions near the P(1,m) of each stop alone, which have a closed form."""
     for stop in oscillator._stops:
         alone = oscillator.replace(elements=[stop])
         try:
@@ -132,7 +134,7 @@ def _add_beside_others(
 def _add_motion(
     found: Found, oscillator: ImpactMap, near: ImpactOrbit, sizes: list[float] | None
 ) -> None:
-    """Try one period of the motion from the middle of an orbit with one impact."""
+    """Try one period of the motion that starts half a period after the impact of an orbit."""
     half = 0.5 * near.period
     (x,), (v,) = near.sample([half])
     phase = float(near.phases[0]) + oscillator.frequency * half
@@ -146,7 +148,7 @@ def _add_motion(
 
 
 def _sizes(parts: list[ImpactRecord]) -> list[float]:
-    """Largest position and velocity of some motions."""
+    """Largest absolute position and velocity of some motions; 1 in place of zero."""
     own = [[abs(x).max(initial=0.0) for x in (p.position, p.velocity)] for p in parts if len(p)]
     ends = [[abs(p.final.position).max(), abs(p.final.velocity).max()] for p in parts]
     return [float(size) or 1.0 for size in np.max([*own, *ends, [0.0, 0.0]], axis=0)]
@@ -155,9 +157,9 @@ def _sizes(parts: list[ImpactRecord]) -> list[float]:
 def _add_returns(
     found: Found, record: ImpactRecord, impacts: int, periods: int, guessed: Guessed
 ) -> int:
-    """Try the closest returns after so many impacts and up to so many periods; return how many.
+    """Try the closest returns after some impacts and at most some periods; return their number.
 
-    A return is not tried where an orbit that was found is nearer to it than it comes to itself.
+    A return is skipped if an orbit found before is at most as far from it as its own distance.
     """
     n, system = impacts, record.system
     if len(record) <= n:
@@ -173,7 +175,7 @@ def _add_returns(
     distances = states.distances(slice(n, None), slice(None, -n))
     tried: Counter[int] = Counter()
     for place in np.argsort(distances, kind="stable").tolist():
-        # states that differ by more than the largest of them are not near
+        # a distance of one is the size of the largest state: no close return remains
         m, distance = int(after[place]), float(distances[place])
         if not distance < 1.0:
             break
@@ -211,7 +213,7 @@ def _near(
 
 
 def _add_quiet(found: Found, record: ImpactRecord, sizes: list[float] | None) -> None:
-    """Try the orbit without impacts in one period that a motion without further ones comes near."""
+    """Try the orbit without impacts, of one period, near the end of a motion without impacts."""
     system, length = record.system, TWO_PI / record.system.frequency
     with suppress(NoMotion, NoConvergence, NoSolution, NotImplementedError):
         seen = of_period(simulated(system, record.final, _SETTLED * length), _LATE * length, length)
@@ -230,12 +232,12 @@ def _near_return(
 ) -> Guess | None:
     """Return a guess of P(n,m) for some impacts; None where the motion sticks.
 
-    Sizes are those of positions and velocities: see `guess_of`.
+    `sizes` are those of positions and velocities: see `guess_of`.
 
     Raises
     ------
     NoSolution
-        When the motion is none that equations by itinerary know.
+        When the motion ends, or has an event that equations by itinerary do not cover.
     """
     system: Any = record.system
     try:

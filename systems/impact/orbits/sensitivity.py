@@ -1,4 +1,4 @@
-"""Derivatives of the impact map by any parameter, through all modes on the way."""
+"""Derivatives of the impact map by any parameter, through all modes between two sections."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ if TYPE_CHECKING:
 def change_by(oscillator: ImpactMap, name: str) -> Array | None:
     """Derivative of the numbers of a machine by a parameter: see `numbers_of`.
 
-    None where an element does something else beside the parameter's value.
+    None where an element has other regimes at neighbouring values of the parameter.
     """
 
     def system(p: Array) -> Any:
@@ -50,9 +50,11 @@ def change_by(oscillator: ImpactMap, name: str) -> Array | None:
 def map_derivative_by(oscillator: ImpactMap, state: ImpactState, change: Array) -> Array | None:
     """Derivative (d,) of the impact map in section coordinates by a change of all numbers.
 
-    The state, with the imaginary part of its change, passes the modes on the way. Each guard says
-    how much later its event is. None through the end of a chatter, where friction leans on a stop,
-    where something sticks from the begin on, and for energies that are not quadratic.
+    The change of the state, its imaginary part, passes all modes and events until the next impact.
+    The guard of each event gives the change of the event's time. None if a chatter ends on the way,
+    if friction acts at a stop, if an element halts at time zero, or if an element rests on a
+    preloaded stop. None as well where energies are not quadratic, for stops along curves, and where
+    neither a hard stop nor a forcing defines the section.
 
     Raises
     ------
@@ -84,12 +86,12 @@ def map_derivative_by(oscillator: ImpactMap, state: ImpactState, change: Array) 
         if lasts > 0.0:
             (flown,) = moved(flow[None], np.array([lasts]), measures)
             z, began = flown @ z, times[k]
-        if k == last and not hit:  # a period ends when it does
+        if k == last and not hit:  # the end of the forcing's period depends on the frequency alone
             later = -late - began * m.frequency.imag / STEP / m.frequency.real
         else:
             row = _row(m, system, mode, guard)
             if lasts > 0.0 and hit and guard.watch.force and began == times[-1]:
-                row = m.gap(run.final.element)  # by the impact that follows
+                row = m.gap(run.final.element)  # the impact at the same time gives the change
             rates, value = row.real * (flow.real @ z.real), row @ z
             at = run.segments, k, guard, value.real, rates, m.frequency.real
             comes = lasts > 0.0 or comes_by_itself(*at)
@@ -106,7 +108,7 @@ def _regimes(system: Any, run: Trajectory, guard: int, column: int) -> Regimes:
 
 
 def _followed(system: Any, run: Trajectory) -> bool:
-    """Whether all that happens on the way is an event of a mode, after which motions are smooth."""
+    """Whether no event is a halt at time zero or a chatter, and no element rests preloaded."""
     kinds, speeds = run.guards[run.switches.guard, 3], run.switches.speed
     guards = [system._automaton.guards[k] for k in run.switches.guard.tolist()]
     halts = [
@@ -119,13 +121,13 @@ def _followed(system: Any, run: Trajectory) -> bool:
 
 
 def _row(m: Machine, system: Any, mode: Regimes, guard: Any) -> Any:
-    """Row (D,) of what is zero at the end of a mode."""
+    """Row (D,) of the guard that is zero at the end of a mode."""
     guards = system._parts.now(mode.numbers)[guard.element].guards
     return m.watched(mode, guard.element, number_of(guards, guard.watch))
 
 
 def _begun(m: Machine, system: Any, state: ImpactState) -> Any:
-    """The state (D,) with its change at the same section coordinates."""
+    """The state (D,) at a section, with the change that keeps its section coordinates."""
     n, turn = m.size, state._turn
     z = np.concatenate([state.position, state.velocity, state.sliders, turn, [1.0]]) + 0j
     if not system._strobed:

@@ -1,1 +1,1 @@
-"""Orbits of machines with elements, by itinerary: modes in their order, and what ends them."""
+"""Periodic orbits with given itineraries: modes in their order, and the events that end them."""

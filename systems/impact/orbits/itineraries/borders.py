@@ -1,4 +1,4 @@
-"""What is watched along a branch of orbits of one itinerary: where an event appears or vanishes."""
+"""Borders of a branch of orbits of one itinerary, at which an event appears or vanishes."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ if TYPE_CHECKING:
 
 
 def borders_of(problem: Any, s: ItinerarySolution) -> Iterator[Border]:
-    """Impulses, times between events, what elements watch in between, and what begins."""
+    """All borders of an itinerary: impulses, intervals, guards between events, and beginnings."""
     n, itinerary, sticks, stops = (
         s.events,
         problem.itinerary,
@@ -60,7 +60,7 @@ def borders_of(problem: Any, s: ItinerarySolution) -> Iterator[Border]:
         for number in range(len(itinerary[i].rubs)):
             yield StickAtImpact(problem, part, k, number)
     for i in range(n):
-        # impacts of one stop pass one another; those of stops that face each other never meet
+        # impacts with one stop may pass each other; facing stops are never hit simultaneously
         one, other = itinerary[i].element, itinerary[(i + 1) % n].element
         both = sticks and one < len(stops) and other < len(stops)
         if (s.blind and not both) or (one != other and not problem.oscillator._faces):
@@ -86,14 +86,14 @@ def borders_of(problem: Any, s: ItinerarySolution) -> Iterator[Border]:
                 if event.chatters or (own and (late or guard == event.guard or not opens(s, i))):
                     continue
                 numbers = [now.numbers[element] for now in both]
-                # gaps go on through events, and are watched once
+                # gaps of open stops are continuous at events: one border is enough
                 if not (late and element < len(stops) and numbers == [0, 0]):
                     yield Corner(problem, i, element, guard, bool(late))
 
 
 @final
 class LawJump(OfImpact):
-    """An impact approaches with a velocity at which its law jumps: number `side` of these."""
+    """The approach velocity of an impact is that of jump number `side` of the impact law."""
 
     def value(self, solution: Any) -> float:
         i, k = solution.hits[self.number], self.number
@@ -107,7 +107,7 @@ class LawJump(OfImpact):
 
 @final
 class StickAtImpact(OfImpact):
-    """An impact takes all of a slip velocity, not more: of friction number `side` at its stop."""
+    """The largest slip velocity that an impact can stop equals the slip of friction `side`."""
 
     problem: Any
 
@@ -135,7 +135,7 @@ class StickAtImpact(OfImpact):
         problem, after = self.problem.remade(itinerary=tuple(events)), s.following[i]
         found: tuple[Problem, Array] | None = (problem, x)
         if way and after.element == friction and abs(s.durations[i]) <= SAME * s.period:
-            found = problem.without(x, p, [(i + 1) % s.events])  # it halts at once
+            found = problem.without(x, p, [(i + 1) % s.events])  # the impact replaces the halt
         elif not way and after.mode.numbers[friction] == STICKS:
             numbers = list(after.mode.numbers)
             numbers[friction] = FORWARD if slip > 0.0 else BACKWARD
@@ -146,9 +146,10 @@ class StickAtImpact(OfImpact):
 
 
 class Begun(NamedTuple):
-    """What an element would watch just after an event, were it in some mode.
+    """A guard of an element in a mode in which it holds or sticks, just after an event.
 
-    Positive where it holds, or sticks, from then on; or not so, where it does not.
+    If the element is in this mode from the event on, the guard is positive there and `sign` is 1.
+    Otherwise the guard is negative and `sign` is -1.
     """
 
     event: int
@@ -159,11 +160,11 @@ class Begun(NamedTuple):
 
 
 def beginnings(system: Any, itinerary: Itinerary) -> list[Begun]:
-    """Where something begins to hold or to stick, and where it might and does not."""
+    """Events at which an element begins to hold or to stick, or could begin and does not."""
     found = []
     for i, event in enumerate(itinerary):
         k, after = event.element, itinerary[(i + 1) % len(itinerary)].mode
-        if k < 0:  # a time at which nothing happens
+        if k < 0:  # begin of a period of the forcing
             continue
         landed = [j for j, stop in system._parts.normal.items() if stop == k]
         begins = [j for j in ([] if event.chatters else [k]) + landed if j in after.held]
@@ -185,7 +186,7 @@ def beginnings(system: Any, itinerary: Itinerary) -> list[Begun]:
 
 
 class _WhereItBegins(Border):
-    """A number where a mode begins."""
+    """A test function at the begin of a mode."""
 
     problem: Any
 
@@ -196,14 +197,15 @@ class _WhereItBegins(Border):
 
 @cache
 def power_of(restitution: float) -> float:
-    """Power of the distance from its border as which the force vanishes where a chatter ends.
+    """Power of the distance from the border to which the force at a chatter's end is proportional.
 
-    Beside the border the acceleration of the gap is proportional to the time T until it is zero. In
+    Near the border the acceleration of the gap is proportional to the time T until it is zero. In
     units of T, and of T^2 for velocities, a flight of duration s begins with the velocity
-    u = s/2 - s^2/6, and the next one with r (s/2 - s^2/3) / (1 - s)^2, and T is (1 - s) T. The
-    chatter that ends just there has equal flights: (3 - s) (1 - s)^2 = r (3 - 2 s). A disturbance
-    of its velocity grows m times in a bounce. So the T at which a chatter ends is as its distance
-    from the border to the power of -log(1 - s) / log(m).
+    u = s/2 - s^2/6. The next one begins with r (s/2 - s^2/3) / (1 - s)^2, when (1 - s) T is left.
+    The chatter that ends exactly at the border has equal flights in these units:
+    (3 - s) (1 - s)^2 = r (3 - 2 s). A disturbance of its velocity is multiplied by m in a bounce.
+    So the T at which a chatter ends is proportional to its distance from the border to the power
+    -log(1 - s) / log(m).
     """
     r = restitution
     if not 0.0 < r < 1.0:
@@ -240,7 +242,7 @@ class ChatterEnd(_WhereItBegins):
 
 @final
 class FlatRelease(_WhereItBegins):
-    """The contact force does not fall where it is zero, at a release."""
+    """The rate of the contact force is zero at a release, where the force is zero as well."""
 
     def value(self, solution: Any) -> float:
         return -float(solution.guards[self.part] @ solution.moving[self.part - 1])
@@ -252,7 +254,7 @@ class FlatRelease(_WhereItBegins):
 
 @final
 class Beginning(_WhereItBegins):
-    """What begins to hold, or to stick, could as well not do so; or the other way round."""
+    """A guard is zero at the event where an element begins to hold or stick, or could begin."""
 
     def __init__(self, problem: Any, begun: Begun) -> None:
         super().__init__(problem, begun.event, begun.guard, begun.element)
@@ -267,7 +269,7 @@ class Beginning(_WhereItBegins):
         return float(sign * value / (abs(row) @ solution.measures))
 
     def name(self, solution: ItinerarySolution) -> str:  # noqa: ARG002
-        """What happens, in the field's words."""
+        """Name of the event at this border, as in the literature."""
         if self.kind is BifurcationKind.CB:
             return "contact"
         return "switching-sliding" if self.begun.sign > 0.0 else "crossing-sliding"
@@ -284,9 +286,10 @@ class Beginning(_WhereItBegins):
 
 @final
 class VanishingInterval(Border):
-    """Two events happen at once: of one element a regime that vanishes, else another order.
+    """The time between two successive events is zero.
 
-    Beyond there is no such orbit where it is of one element.
+    If both events are of one element, its regime between them vanishes, and no orbit of this kind
+    exists beyond the border. Otherwise the order of the events changes.
     """
 
     kind = BifurcationKind.GR
@@ -298,7 +301,7 @@ class VanishingInterval(Border):
         if solution.events == 1:
             return math.inf
         value = float(solution.durations[self.part] / solution.period)
-        # events of a symmetric machine stay at once
+        # events of a symmetric machine stay simultaneous
         together = abs(value) <= solution.least_apart(self.part, self.problem.sizes[0])
         return 0.0 if together and not self.ends else value
 
@@ -309,7 +312,7 @@ class VanishingInterval(Border):
         return float(solution.event_phases[self.part]), solution.itinerary[self.part].element
 
     def name(self, solution: ItinerarySolution) -> str:
-        """What happens, in the field's words."""
+        """Name of the event at this border, as in the literature."""
         first, second = self._events(solution.itinerary)
         elements = solution.oscillator._elements
         if first.element != second.element or first.element < 0:
@@ -330,7 +333,7 @@ class VanishingInterval(Border):
         s, i = self.problem.at(x, p), self.part
         j = (i + 1) % s.events
         if s.itinerary[i].element != s.itinerary[j].element:
-            # impacts of one mode may be in any order
+            # equations by responses accept impacts in any order
             return None if self.problem.responds else reversed_order(self.problem, x, p, i)
         if self._kicks(s, [i, j]):
             return None
@@ -347,7 +350,7 @@ class VanishingInterval(Border):
         return any(s.itinerary[i].kicked for i in events)
 
     def _at_once(self, s: Any) -> list[int]:
-        """Numbers of all events of the element that happen at once, in order."""
+        """Numbers of all simultaneous events of the element, in order."""
         n, at_once = s.events, abs(s.durations) <= SAME * s.period
         element, found = s.itinerary[self.part].element, [self.part, (self.part + 1) % n]
         while len(found) < n and at_once[k := found[-1]] and s.following[k].element == element:
@@ -359,7 +362,7 @@ class VanishingInterval(Border):
 
 @final
 class TouchingGuard(Touching):
-    """What an element watches touches zero between two events.
+    """A guard touches zero between two events.
 
     Parameters
     ----------
@@ -391,9 +394,9 @@ class TouchingGuard(Touching):
             return math.nan
         curve = self.curve(solution)[0]
         if curve.lasts <= AT_ONCE * solution.period:
-            return math.nan  # between events at once what is seen is rounding
+            return math.nan  # between simultaneous events the minimum is a rounding error
         if not solution.blind:
-            # without rebound a flight may begin into the stop
+            # without rebound the gap's acceleration may be negative just after the impact
             return (
                 math.nan
                 if acceleration(solution, solution.impulse_of[self.part]) < 0.0
@@ -401,7 +404,7 @@ class TouchingGuard(Touching):
             )
         event = solution.itinerary[self.part]
         if event.element == self.side and self.part in solution.course.releases:
-            # it begins with three zeros, and opens: what it begins with is rounding
+            # at a release gap, rate and acceleration are zero: the first value is a rounding error
             seen, begins = curve.seen, float(curve.nodes[1][0, 0])
             return seen if abs(seen) > abs(begins) else math.inf
         begin, rate, bend = curve.nodes[1][:, 0].tolist()
@@ -410,14 +413,14 @@ class TouchingGuard(Touching):
             return curve.seen
         slow = abs(rate) * curve.lasts <= least
         if (bend if slow else rate) < 0.0:
-            return math.nan  # what begins so is watched where it begins
+            return math.nan  # a guard that falls from zero belongs to a border at its begin
         return curve.seen if abs(curve.seen) > least else math.inf
 
     def place(self, solution: Any, own: Array) -> tuple[float, int]:  # noqa: ARG002
         return float(own[0]), self.side
 
     def name(self, solution: ItinerarySolution) -> str:
-        """What happens, in the field's words."""
+        """Name of the event at this border, as in the literature."""
         element = solution.oscillator._elements[self.side]
         if not (element.slider or any(regime.sticks for regime in element.regimes)):
             return "grazing"
@@ -441,7 +444,7 @@ class TouchingGuard(Touching):
 
     def _with(self, x: Array, p: Array, more: list[Happening]) -> tuple[Problem, Array] | None:
         phase = float(self.begin(self.problem.at(x, p))[0])
-        if not math.isfinite(phase):  # of events in another order there is no such motion
+        if not math.isfinite(phase):  # no minimum exists if the events are in another order
             return None
         found: tuple[Problem, Array] = self.problem.with_events(x, p, self.part, phase, more)
         return found
@@ -450,13 +453,14 @@ class TouchingGuard(Touching):
 def _slides(element: Element, mode: Regimes, number: int) -> bool:
     """Whether the motion stays on a surface of discontinuity, in Filippov's sense.
 
-    Of friction where it sticks; of a slider where it slips, on the surface at which it does.
+    An element of friction does if it sticks. An element with a slider does if the slider slips: the
+    surface is that of the slip force.
     """
     return bool(mode.numbers[number]) if element.slider else number in mode.held
 
 
 def named(border: Border, solution: ItinerarySolution) -> str:
-    """What happens where a border is met."""
+    """The name of the event at a border."""
     if isinstance(border, Beginning | VanishingInterval | TouchingGuard):
         return border.name(solution)
     if isinstance(border, Corner):

@@ -1,4 +1,4 @@
-"""What is watched at an event: a number of an element that is zero just then."""
+"""Borders at which a guard of an element is zero just at an event of another element."""
 
 from __future__ import annotations
 
@@ -21,11 +21,11 @@ if TYPE_CHECKING:
     from dynkit.systems.impact.orbits.itineraries.motion import ItinerarySolution
 
 ZERO = 16.0
-"""Roundings of a curve, or of what it is measured in: one that begins with less begins at zero."""
+"""A curve whose first value is below this many rounding errors begins at zero."""
 
 
 def opens(s: ItinerarySolution, i: int) -> bool:
-    """Whether the gap of a preloaded soft stop opens at event `i`, by a force above zero."""
+    """Whether the gap of a preloaded soft stop opens at event `i`, with a positive force."""
     event = s.itinerary[i]
     watch, own = watch_of(s.oscillator, event), s.oscillator._elements[event.element]
     preloaded = isinstance(own, SoftStop) and own.preload > 0.0
@@ -34,11 +34,12 @@ def opens(s: ItinerarySolution, i: int) -> bool:
 
 @final
 class Corner(Border):
-    """What another element watches is zero at an event, beside which it is positive.
+    """A guard of another element is zero at an event, just before or after which it is positive.
 
-    Beyond, that element would switch just before the event, or just after. Where the number goes
-    on through the event, it has its minimum there; else the event makes it jump. Of the element
-    itself it is the force of a preloaded stop with a dashpot, where its gap opens.
+    Beyond this border that element would switch just before the event, or just after it. A guard
+    that is continuous at the event has its minimum there; otherwise it jumps at the event. In one
+    case the guard is of the event's own element: the force of a preloaded stop with a dashpot,
+    where its gap opens.
 
     Parameters
     ----------
@@ -47,7 +48,7 @@ class Corner(Border):
         Number of the event.
     element, guard : int
     late : bool
-        Whether it is watched just after the event, and not just before.
+        Whether the guard is watched just after the event, and not just before it.
     """
 
     kind, ends = BifurcationKind.GR, False
@@ -64,22 +65,22 @@ class Corner(Border):
         if min(solution.durations[self.part], solution.durations[self.part - 1]) <= (
             SAME * solution.period
         ):
-            return math.nan  # events at once have another order
+            return math.nan  # simultaneous events change their order: see `VanishingInterval`
         value, rises, rounding = self._beside(solution, self.late)
         if not rises:
             return math.inf
         if self.both:
             other, too, _ = self._beside(solution, not self.late)
-            if abs(value - other) <= rounding:  # one number, which is watched once
+            if abs(value - other) <= rounding:  # a continuous guard is watched once only
                 rises = too and not self.late
         return value if rises and abs(value) > rounding else math.inf
 
     def _beside(self, solution: ItinerarySolution, late: bool) -> tuple[float, bool, float]:
-        """The number just before or after the event, whether it rises from there, its rounding."""
+        """Guard just before or after the event, whether it rises away from it, rounding error."""
         curve = solution.curve((self.part - 1 + late) % solution.events, self.side, self.number)
         value, rate, bend = curve.nodes[1][:, 0 if late else -1].tolist()
         least = ZERO * max(curve.rounding, 2.0**-52 * self.size(solution))
-        # a minimum at the event, as of a gap where friction of its own mass turns
+        # a minimum at the event, as of a gap when the friction at its own mass changes direction
         lowest = bend > 0.0 and rate * rate <= 2.0 * bend * least
         return value, lowest or (rate > 0.0 if late else rate < 0.0), least
 
@@ -111,9 +112,10 @@ class Corner(Border):
 
 
 def way_back(system: Any, mode: Regimes, k: int, number: int) -> list[Happening]:
-    """Events, as few as can be, by which an element of a mode comes to a regime; empty if none do.
+    """Shortest sequence of events by which an element gets from a mode to a regime; else empty.
 
-    A dashpot's force vanishes before the gap opens: pressing, lifted, outside.
+    An example has two events, since a dashpot's force vanishes before the gap opens: pressing,
+    lifted, outside.
     """
     ways: list[tuple[Regimes, list[Happening]]] = [(mode, [])]
     regimes, seen = system._elements[k].regimes, {mode.numbers[k]}

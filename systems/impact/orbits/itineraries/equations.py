@@ -1,4 +1,4 @@
-"""Periodic orbits with a given itinerary: what they are, when they come again, what is watched."""
+"""Equations of periodic orbits with a given itinerary, their repetitions and their borders."""
 
 from __future__ import annotations
 
@@ -39,31 +39,31 @@ from dynkit.systems.impact.orbits.problem import ImpactProblem
 from dynkit.systems.impact.simulation.state import TWO_PI
 
 REPEATED = 1e-7
-"""States and impulses that agree so well, in their units, are the same."""
+"""Phases, states and impulses that differ by less, in their units, are the same."""
 
 APART = 1e-6
-"""Two solutions that differ by less, scaled, are the same orbit."""
+"""Two solutions whose scaled unknowns differ by less are the same orbit."""
 
 LEAST = 1e-13
-"""Smaller impulses are rounding: at resonance those of all orbits are zero."""
+"""Scaled impulses below this count as zero: at resonance the impulses of all orbits are zero."""
 
 SLOW = 1e-9
-"""Impacts of what sticks that are slower, beside the fastest, are rounding."""
+"""Impulses of orbits P(inf,m) below this fraction of the largest one count as zero."""
 
 _MOVED = 1e-6
-"""Step of differences, in units of the unknowns."""
+"""Step of differences, in units of the unknowns; impacts within this phase are simultaneous."""
 
 _AT_REST = 2.0**-40
-"""Largest position or velocity, over its typical size, of orbits that stand still at zero."""
+"""Largest position or velocity, relative to its typical size, of orbits at rest at zero."""
 
 _STEPS, _SOLVED = 20, 1e-12
-"""Steps of Newton's method to a return, and the last of them, in units of the unknowns."""
+"""Largest number of Newton steps to a return, and largest last step in units of the unknowns."""
 
 
 class Station(NamedTuple):
-    """An event, its phase, its impulse if it is an impact, and the state (2N,) just before.
+    """An event, its phase, its impulse if it is an impact, the state (2N + J,) just before it.
 
-    And whether that state is unknown.
+    `node` says whether this state is an unknown.
     """
 
     event: Happening
@@ -101,7 +101,7 @@ class ItineraryEquations(ImpactProblem):
         return None if grazes or not s.factors[0].size else s.factors
 
     def monodromy(self, x: Array, p: Array) -> Array:
-        """What disturbances become in a period, from the end of the longest flight on."""
+        """Monodromy matrix from the event at the end of the longest flight to a period later."""
         s = self.at(x, p)
         last = (int(np.argmax(s.durations)) + 1) % s.events
         if isinstance(s, ResponseSolution):
@@ -119,7 +119,7 @@ class ItineraryEquations(ImpactProblem):
         return len(self.nodes) if self.sticks else returns_of(self.oscillator, self.itinerary)
 
     def counts(self) -> dict[str, float]:
-        """How often what happens in a period, by element: see `OrbitLabel.counts`."""
+        """Numbers of events in a period, by element: see `OrbitLabel.counts`."""
         return counts_of(self.oscillator, self.itinerary)
 
     def returns(self, x: Array, p: Array) -> Any:
@@ -127,8 +127,8 @@ class ItineraryEquations(ImpactProblem):
             raise NoSolution("the map of returns of a machine that nothing drives is not known")
         if not self.sticks:
             return self._across(*super().returns(x, p))
-        # From states in contact, at the phase of the first release, to those of a period later.
-        # Where it releases earlier or later the map is the same to first order.
+        # The map takes states in contact at the phase of the first release to those a period later.
+        # To first order it is the same if the release is a little earlier or later.
         s, at, n = self.at(x, p), float(x[0]), len(x)
         basis, unit = crossings.held_directions(s, 0), self._measures[: self.dimension]
         first = n - self.layout.states
@@ -157,7 +157,7 @@ class ItineraryEquations(ImpactProblem):
             others_by = -np.linalg.solve(
                 whole[np.ix_(rest, others)], matrix[np.ix_(rest, own)] @ to
             )
-            # what is left of the last equations is the end less the next begin
+            # the residual of the last equations is the end of the last flight less the next state
             begin = matrix[np.ix_(last, own)] + np.eye(self.dimension)
             ended = begin @ (to + np.outer(moving, others_by[0]))
             ended += matrix[np.ix_(last, others)] @ others_by
@@ -168,7 +168,7 @@ class ItineraryEquations(ImpactProblem):
         return jacobian, np.zeros(basis.shape[1])
 
     def _across(self, jacobian: Any, place: Array) -> tuple[Any, Array]:
-        """A derivative of returns and a state, of disturbances across the shift of the machine."""
+        """Jacobian of returns, and a state, in coordinates orthogonal to the machine's shift."""
         if not self.oscillator._progression.shift.size:
             return jacobian, place
         across = self.oscillator._progression_at(place).across
@@ -187,14 +187,14 @@ class ItineraryEquations(ImpactProblem):
         return max(float(bound.max()), float(phases) + moved + sizes)
 
     def states_moved(self, x: Array, p: Array, moved: Array) -> float:
-        """Largest change of a section coordinate, where unknowns are off by as much, (m,)."""
+        """Largest change of a section coordinate by errors (m,) of the unknowns."""
         s, scale, worst = self.at(x, p), self.scale(x), 0.0
         if not np.isfinite(moved).all():
             return math.inf
         for k in np.flatnonzero(moved).tolist():
             h = _MOVED * scale[k]
             later = self._next_at_once(s, k)
-            # impacts at once stay in their order
+            # steps keep the order of simultaneous impacts
             for some in [[k, *later], later] if later else [[k]]:
                 there = x.copy()
                 there[some] += h
@@ -205,7 +205,7 @@ class ItineraryEquations(ImpactProblem):
         return worst
 
     def _next_at_once(self, s: ResponseSolution, k: int) -> list[int]:
-        """Numbers of the impacts that follow at once the one of which unknown `k` is the phase."""
+        """Numbers of the impacts simultaneous with, and after, the one with phase unknown `k`."""
         found: list[int] = []
         while k < s.events and s.lasts[k] * s.frequency <= _MOVED:
             k = s.ends(k)[1]
@@ -214,7 +214,7 @@ class ItineraryEquations(ImpactProblem):
             found.append(k)
         return found
 
-    # --- what comes again -------------------------------------------------------------------------
+    # --- repetitions ------------------------------------------------------------------------------
 
     def apart(self, x: Array, other: Array) -> Array:
         key = other.tobytes()
@@ -232,7 +232,7 @@ class ItineraryEquations(ImpactProblem):
         return (self, x) if self.responds else ordered(*parted(self, x, way), way)
 
     def repeats(self, x: Array, within: float) -> bool:
-        """Whether it is an orbit of a part of its period, run through several times."""
+        """Whether the orbit is a shorter one that is run through several times."""
         return any(abs(changes).max() < within for _, _, changes in self._repetitions(x))
 
     def repetition(self, x: Array) -> float:
@@ -240,9 +240,10 @@ class ItineraryEquations(ImpactProblem):
         return min((float(np.sqrt(np.mean(part**2))) for part in parts), default=np.inf)
 
     def _repetitions(self, x: Array) -> Iterator[tuple[int, int, Array]]:
-        """Items of the itinerary, and periods, after which it may come again; changes until then.
+        """Numbers of items and periods after which the itinerary may repeat, with the changes.
 
-        Those of the phases, and in their units those of what else is known of each item.
+        Changes are differences of the phases, and of the scaled marks, of each item and the item
+        that repeats it.
         """
         count, m = self.parts, self.periods
         for k in proper_divisors(count):
@@ -264,12 +265,12 @@ class ItineraryEquations(ImpactProblem):
         return self.sticks or self.itinerary[0].element < 0
 
     def _may_repeat(self, k: int) -> bool:
-        """Whether the itinerary may come again after `k` of its items."""
-        # how many impacts are named before a chatter is a choice
+        """Whether the itinerary may repeat after `k` of its items."""
+        # P(inf,m): the number of impacts of a chatter that are events is a choice
         return self.sticks or bool(self.itinerary == self.itinerary[k:] + self.itinerary[:k])
 
     def _marked(self, x: Array) -> tuple[Array, Array]:
-        """Phases (count,) of the items of the itinerary, and other marks of theirs (count, j)."""
+        """Phases (count,) of the items, and their scaled states or impulses (count, j)."""
         phases, impulses, states = self.layout.split(x)
         if self.of_nodes:
             return phases[list(self.nodes)], (states / self._state_units).reshape(self.parts, -1)
@@ -296,7 +297,7 @@ class ItineraryEquations(ImpactProblem):
         return np.concatenate([phases[:end], impulses[:some], states[: nodes * self.dimension]])
 
     def in_turn(self, x: Array) -> tuple[Self, Array]:
-        """With its events in turn, from its first one at a phase in [0, 2 pi) on."""
+        """Return equations and unknowns with ordered events, the first at a phase in [0, 2 pi)."""
         own, x = self.shortest(x.copy()) if self.sticks else (self, x.copy())
         if not self.driven:
             return own, x
@@ -308,7 +309,7 @@ class ItineraryEquations(ImpactProblem):
         return own._ascending(x) if self.responds else (own, x)
 
     def _ascending(self, x: Array) -> tuple[Self, Array]:
-        """The same impacts of one mode in the order of their phases."""
+        """Return equations and unknowns with the impacts of one mode in the order of phases."""
         phases, impulses, _ = self.layout.split(x)
         order = np.argsort(phases, kind="stable")
         itinerary = tuple(self.itinerary[i] for i in order.tolist())
@@ -316,10 +317,14 @@ class ItineraryEquations(ImpactProblem):
         return same, np.concatenate([phases[order], impulses[order]])
 
     def proper(self, x: Array) -> bool:
-        """Without rebound an impulse of zero follows any impact: two impacts are one."""
+        """Whether no impulse counts as zero, and simultaneous impacts are of stops that commute.
+
+        Without rebound an additional impact of zero impulse, just after any impact, would solve
+        the equations too. An orbit P(inf,m) must also have a small estimated error.
+        """
         phases, impulses, _ = self.layout.split(x)
         if self.sticks:
-            # where the derivative is all but singular it is not solved for
+            # with a nearly singular Jacobian the estimated error is large: no solution
             least = float(abs(impulses).min(initial=np.inf))
             return least >= SLOW * abs(impulses).max() and self.state_error(x, NONE, 0.0) < APART
         if not self.driven or not len(impulses):
@@ -354,7 +359,7 @@ class ItineraryEquations(ImpactProblem):
             n = self.oscillator.degrees_of_freedom
             sizes = np.array([abs(states[:, :n]).max(), abs(states[:, n : 2 * n]).max()])
             sizes = np.maximum(sizes, _AT_REST * self._measures[[0, n]])
-            if self.dimension == 2:  # lengths that all guesses of one orbit share
+            if self.dimension == 2:  # sizes that are the same for all guesses of one orbit
                 sizes += self.oscillator._length * np.array([1.0, self.oscillator.frequency])
             scaled = states / sizes[np.repeat([0, 1, 0], [n, n, self.dimension - 2 * n])]
             turn = np.exp(1j * phases)[:, None]
@@ -367,7 +372,7 @@ class ItineraryEquations(ImpactProblem):
         period = [] if self.driven else [x[:1] / self._scale[0]]
         return np.concatenate([*found, *period])
 
-    # --- what is watched --------------------------------------------------------------------------
+    # --- borders ----------------------------------------------------------------------------------
 
     def events(self, x: Array, p: Array) -> list[Event]:
         solution = self.at(x, p)
@@ -386,15 +391,15 @@ class ItineraryEquations(ImpactProblem):
         return border, border.begin(self.at(x, p))
 
     def border(self, event: int, x: Array, p: Array) -> Border:
-        """What event number `event` watches."""
+        """The border of event number `event`."""
         return self.borders(self.at(x, p))[event]
 
     def borders(self, solution: ItinerarySolution) -> list[Border]:
-        """All that is watched."""
+        """All borders, in the order of the events."""
         return list(borders_of(self, solution))
 
     def touching(self, event: int, x: Array, own: Array, p: Array) -> Mapping[str, float]:
-        """Return phase, time from the first state, and element; and the time by what happens."""
+        """Return phase, time from the first state, element; also the time by the border's name."""
         solution, border = self.at(x, p), self.border(event, x, p)
         at, side = border.place(solution, own)
         turns = (at - float(solution.phases[0])) % (TWO_PI * self.periods)
@@ -412,7 +417,7 @@ class ItineraryEquations(ImpactProblem):
         return found
 
     def _of(self, x: Array, stations: list[Station]) -> tuple[Self, Array]:
-        """The equations and unknowns of some stations, the first one of them first."""
+        """Return equations and unknowns of the motion with the events of some stations."""
         own = [station for station in stations if station.event.element >= 0] or stations
         phases = np.array([station.phase for station in own])
         if not self.driven:
@@ -431,7 +436,10 @@ class ItineraryEquations(ImpactProblem):
     def with_events(
         self, x: Array, p: Array, i: int, phase: float, more: list[Happening]
     ) -> tuple[Self, Array]:
-        """The same motion with events more after event `i`, at a phase, where guards touch zero."""
+        """Return the same motion with more events after event `i`, at a phase.
+
+        The guards of these events touch zero at this phase.
+        """
         s = self.at(x, p)
         stations = self._stations(s)
         state = s.flown(i, phase) if isinstance(s, ShootingSolution) else stations[0].state
@@ -442,7 +450,10 @@ class ItineraryEquations(ImpactProblem):
         return self._of(x, stations)
 
     def without(self, x: Array, p: Array, gone: list[int]) -> tuple[Self, Array] | None:
-        """The same motion without some events; None where nothing drives it, nor happens."""
+        """Return the same motion without some events; None if no event is left.
+
+        A driven motion whose states are unknowns gets the begin of a period in place of events.
+        """
         s = self.at(x, p)
         stations = self._stations(s)
         left = [station for i, station in enumerate(stations) if i not in gone]
@@ -456,21 +467,21 @@ class ItineraryEquations(ImpactProblem):
         return self._of(x, left)
 
     def without_impact(self, x: Array, p: Array, i: int) -> tuple[Self, Array] | None:
-        """The same motion without impact number `i`; None where it cannot be left out."""
+        """Return the same motion without impact number `i`; None if the impact changes the mode."""
         k = self.at(x, p).hits[i]
         same = self.itinerary[(k + 1) % len(self.itinerary)].mode == self.itinerary[k].mode
         return self.without(x, p, [k]) if same else None
 
     def neighbours(self, event: int, x: Array, p: Array) -> list[tuple[Problem, Array, Array]]:
-        """Return the same motion as an orbit of one impact more or fewer.
+        """Return the same motion as an orbit with more or fewer events.
 
-        Where the gap touches, an impact without impulse is added; where an impulse vanishes it is
-        left out. Both are solutions, to rounding.
+        Where a gap touches zero, an impact with zero impulse is added; where an impulse vanishes,
+        its impact is left out. Both are solutions, up to rounding.
         """
         return beyond(self, event, x, p)
 
     def admissible(self, x: Array, p: Array) -> bool:
-        """Whether it is a motion: no impulse pulls, nothing watched is negative, nor missed."""
+        """Whether all impulses are compressive, all guards positive, and no event is missed."""
         s = self.at(x, p)
         if isinstance(s, ResponseSolution):
             return bool((s.impulses > 0.0).all()) and flights_are_open(s)
@@ -478,5 +489,5 @@ class ItineraryEquations(ImpactProblem):
 
 
 def _event(border: Border, solution: ItinerarySolution) -> Event:
-    value = border.value(solution)  # which may say how the border ends
+    value = border.value(solution)  # may set border.ends and border.power: evaluated first
     return Event(border.kind, border.part, value, border.ends, border.power)

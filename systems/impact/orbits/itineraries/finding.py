@@ -1,4 +1,4 @@
-"""Orbits by itinerary, from motions near them."""
+"""Orbits with a given itinerary, from motions near them."""
 
 from __future__ import annotations
 
@@ -52,16 +52,17 @@ _NEVER = "the motion does not come again: the nearest solution of its equations 
 _HELD = "the motion is not released by a stop at the same phase again"
 _AMID = "the motion begins amid a chatter: no impact is seen before its contact"
 _SINGULAR = 1e-13
-"""Ratio of singular values of the equations' derivative, by rows: what is less is rounding."""
+"""Least ratio of singular values of the row-scaled Jacobian: below this it is singular."""
 _LARGE = 1e5
-"""Derivatives in scaled unknowns beyond which the states before all events are unknowns."""
+"""Largest scaled derivative for which states at nodes suffice: beyond, all states are unknowns."""
 _SAMPLES, _TRANSIENT = 64, 700
+"""Samples for the largest position and velocity; returns, or periods, of a transient."""
 _CYCLE = 256
-"""Periods of the forcing, impacts, or switches, within which a cycle comes again."""
+"""Largest number of returns to the section, and of switches, within which a cycle repeats."""
 
 
 def orbit_from(system: ImpactMap, periods: object, start: ImpactState | None) -> ImpactOrbit:
-    """The orbit near the motion from a state, or that of the attractor."""
+    """Return the orbit near the motion from a state; by default after a transient."""
     m = positive_integer("periods", periods)
     state = system._entered(start)
     if start is None:
@@ -70,14 +71,15 @@ def orbit_from(system: ImpactMap, periods: object, start: ImpactState | None) ->
 
 
 def orbit_near(system: ImpactMap, state: ImpactState, periods: int) -> ImpactOrbit:
-    """The orbit near the motion from a state, of so many periods of the forcing or of a part.
+    """Return the orbit of some periods of the forcing near the motion from a state.
 
-    Of a machine that nothing drives it is the cycle that the motion makes, whatever the periods.
+    If the orbit repeats within these periods, the shorter orbit is returned. For an undriven
+    machine the orbit is the cycle of the motion, and `periods` has no effect.
 
     Raises
     ------
     NotImplementedError
-        Where what an element does is not known.
+        When an element rests on a preloaded stop.
     NoConvergence
         When the motion is too far from an orbit, or the orbit is one of a family.
     """
@@ -98,13 +100,13 @@ def orbit_near(system: ImpactMap, state: ImpactState, periods: int) -> ImpactOrb
     cost = Cost(time.perf_counter() - began, {"steps": len(history) - 1})
     problem, x = problem.shortest(x)
     found = ImpactOrbit(*problem.in_turn(x), history, cost)
-    if not driven and not found.admissible:  # bounces that die away are like one of period zero
+    if not driven and not found.admissible:  # e.g. decaying bounces: a cycle of period zero
         raise NoConvergence(_NEVER)
     return found
 
 
 def _of_contact(seen: Seen, length: float, turn: float) -> Seen:
-    """The events between releases a length apart, as late as they were seen."""
+    """Return the events between the last two releases of one stop that are `length` apart."""
     for first in reversed(seen.releases):
         found = from_release(seen, first, float(seen.times[first]) + length, 0.25 * turn)
         if found is not None:
@@ -113,7 +115,11 @@ def _of_contact(seen: Seen, length: float, turn: float) -> Seen:
 
 
 def _quiet(system: ImpactMap, state: ImpactState, periods: int) -> Seen:
-    """A motion in which nothing happens, at the begin of each period; settled, where it may be."""
+    """Return a motion without events, by its states at the begin of each period.
+
+    With Taylor's method the states are those after a transient, if no event was found within the
+    limit of the search.
+    """
     turn = TWO_PI / system.frequency
     run, begins = run_for(system, state, periods * turn), turn * np.arange(float(periods))
     late = (-state.phase % TWO_PI) / system.frequency
@@ -140,13 +146,13 @@ def guess_of(
     Raises
     ------
     NoConvergence
-        When a slider never slips, no stop releases the motion where it begins, or it begins amid a
-        chatter.
+        When a slider never slips, a sticking motion does not begin at a release, or the motion
+        begins amid a chatter.
     """
     if quiet := not len(seen.events):
         seen = _quiet(system, state, periods)
     along = system._progression
-    if along.shift.size:  # all begins at zero
+    if along.shift.size:  # the first state has no shift
         first = seen.states[0]
         seen = seen._replace(states=seen.states - (first - along.removed(first)))
     if sizes is None:
@@ -162,7 +168,7 @@ def guess_of(
     if not driven:
         phases -= phases[0]
         phases[0] = length
-    elif course.sticks:  # found after many turns; large phases have fewer digits
+    elif course.sticks:  # phases after many turns have larger rounding errors
         phases -= TWO_PI * np.floor(phases[0] / TWO_PI)
     nodes = course.releases if course.sticks else tuple(range(periods)) if quiet else (0,)
     if nodes[:1] != (0,):
@@ -184,13 +190,13 @@ def anchored(
 
 
 def _begins_amid_chatter(events: Itinerary) -> bool:
-    """Whether a stop that is hit, and rebounds, is closed at once."""
+    """Whether a stop is closed just after an impact that is not marked as followed by contact."""
     pairs = zip(events, (*events[1:], events[0]), strict=True)
     return any(e.kicked and not e.chatters and e.element in after.mode.held for e, after in pairs)
 
 
 def _grows(problem: ItineraryEquations, guess: Array) -> bool:
-    """Whether states hang on those of earlier events so much that rounding shows."""
+    """Whether states depend so strongly on earlier ones that all of them must be unknowns."""
     try:
         matrix = problem.linearization(guess, NONE) * problem.scale(guess)
     except NoSolution:
@@ -199,7 +205,7 @@ def _grows(problem: ItineraryEquations, guess: Array) -> bool:
 
 
 def _sizes(system: ImpactMap, state: ImpactState, seen: Seen, length: float) -> list[float]:
-    """Largest position and velocity, of motions that do not stand still."""
+    """Largest absolute position and velocity of a motion; 1 in place of zero."""
     run = run_for(system, state, length)
     stays = run.ending in (Ending.NO_FURTHER_CONTACT, Ending.CONTACT_FOR_EVER)  # in its last mode
     return sizes_of(system, run, seen, 0.0, length if stays else min(length, run.duration))
@@ -208,7 +214,7 @@ def _sizes(system: ImpactMap, state: ImpactState, seen: Seen, length: float) -> 
 def sizes_of(
     system: ImpactMap, run: Trajectory, seen: Seen, begin: float, length: float
 ) -> list[float]:
-    """Largest position and velocity of a motion from a time on, and at events that were seen."""
+    """Largest absolute position and velocity of a motion from a time on, and at its events."""
     times, n = np.linspace(begin, begin + length, _SAMPLES), system.degrees_of_freedom
     parts = zip(
         (seen.states[:, :n], seen.states[:, n : 2 * n]), sample_run(system, run, times), strict=True
@@ -250,7 +256,7 @@ def _solved(problem: ItineraryEquations, guess: Array) -> tuple[Array, tuple[flo
 
 
 def _never_slips(problem: ItineraryEquations) -> bool:
-    """Whether friction of one element sticks in all modes."""
+    """Whether the friction of one element sticks in all modes."""
     held = set(problem.itinerary[0].mode.held).intersection(
         *(e.mode.held for e in problem.itinerary)
     )
@@ -258,11 +264,11 @@ def _never_slips(problem: ItineraryEquations) -> bool:
 
 
 def _singular(problem: ItineraryEquations, x: Array) -> bool:
-    """Whether the derivative of the equations is singular, but for rounding."""
+    """Whether the Jacobian of the equations is singular up to rounding."""
     try:
         matrix = problem.linearization(x, NONE) * problem.scale(x)
     except NoSolution:
         return False
-    matrix /= np.maximum(abs(matrix).max(axis=1), 1.0)[:, None]  # those of stiff stops are large
+    matrix /= np.maximum(abs(matrix).max(axis=1), 1.0)[:, None]  # rows of stiff stops are large
     sizes = np.linalg.svd(matrix, compute_uv=False)
     return not sizes[-1] > _SINGULAR * sizes[0]

@@ -1,4 +1,4 @@
-"""Flights in one mode: rates of states, and what short flights make of changes of the state."""
+"""Flights in one mode: rates of states, guards and impacts, with derivatives by the state."""
 
 from __future__ import annotations
 
@@ -27,12 +27,15 @@ _GAUSS = 0.5 + np.array([-0.5, 0.5]) / math.sqrt(3.0)
 """Nodes of Gauss-Legendre quadrature of two points over a unit of time."""
 
 _SHORT = 1e-3
-"""Of the time in which a state changes by itself: derivatives of shorter flights are series."""
+"""Norm of the tangent matrix times duration below which a flight's derivative is a series."""
 
 
 @final
 class LinearFlights:
-    """Those of a machine, whose numbers may have imaginary changes; measures as of a solution."""
+    """Flights of a linear mode; the machine's numbers may have imaginary changes.
+
+    `measures` (D,) are units of the states.
+    """
 
     varies = False
 
@@ -41,7 +44,7 @@ class LinearFlights:
         self._flow = machine.flow(mode)
 
     def passed(self, z: Any, lasts: Any) -> tuple[Any, Any]:
-        """The state (D,) after a flight from one, and its derivative (D, D) by that."""
+        """The state (D,) after a flight from state `z`, and its derivative (D, D) by `z`."""
         (flown,) = moved(self._flow[None], np.array([lasts]), self._measures)
         return flown @ z, flown
 
@@ -55,34 +58,31 @@ class LinearFlights:
         return states @ first, states @ (first @ self._flow.real)
 
     def lifted(self, states: Array, times: Array) -> tuple[Array, Array]:
-        """Derivatives (n, D, D) less 1 of short flights, and states (n, D) after them."""
+        """Derivatives minus identity (n, D, D) of short flights, and states (n, D) after them."""
         flown = lifted(self._flow.real, times)
         return flown, states + (flown @ states[:, :, None])[..., 0]
 
     def carried(self, states: Array, times: Array) -> Array:
-        """Changes (n, D) of states (n, D) after short flights by those of numbers."""
+        """Changes (n, D) of states (n, D) after short flights, due to changes of the numbers."""
         return carried(self._flow, states, times)
 
     def observed(self, element: int, guard: int, z: Any) -> tuple[Any, Any]:
-        """What an element watches at a state, guard number `guard` of its regime; derivative (D,).
-
-        That is by the state.
-        """
+        """Value of guard number `guard` of an element at state `z`, and its derivative (D,)."""
         row = self.machine.watched(self.mode, element, guard)
         return row @ z, row
 
     def gap_of(self, element: int, z: Any) -> tuple[Any, Any]:
-        """Gap of a stop at a state, and its derivative (D,) by that."""
+        """Gap of a stop at state `z`, and its derivative (D,)."""
         row = self.machine.gap(element)
         return row @ z, row
 
     def rate_of(self, element: int, z: Any) -> tuple[Any, Any]:
-        """Rate of the gap of a stop at a state, and its derivative (D,) by that."""
+        """Rate of the gap of a stop at state `z`, and its derivative (D,)."""
         row = self.machine.rate(element)
         return z @ row, row
 
     def rubs(self, guard: Any, z: Any) -> list[int] | None:  # noqa: ARG002
-        """Friction that rubs at an impact; None where the masses leave open what it does."""
+        """Friction elements at an impact; None if the masses do not determine their effect."""
         return None if guard.ambiguous else [part.element for part in guard.scrapes]
 
     def kick(self, element: int, z: Any, rubs: Rubs = ()) -> Any:  # noqa: ARG002
@@ -90,46 +90,46 @@ class LinearFlights:
         return self.machine.kick(self.mode, element, rubs)
 
     def takes(self, friction: int, z: Any) -> float:  # noqa: ARG002
-        """Most that an impact takes from a slip velocity, over the change of the gap's rate."""
+        """Largest change of a slip velocity by an impact, over the change of the gap's rate."""
         return float(self.machine.takes(self.mode, friction).real)
 
     def stopped(self, rubs: Rubs, z: Any) -> tuple[Any, Any]:
-        """The state (D,) without slip velocities that an impact takes; derivative (D, D) by `z`."""
+        """The state (D,) without the slips that an impact stops; derivative (D, D) by `z`."""
         matrix = self.machine.stopped(self.mode, rubs)
         return matrix @ z, matrix.real
 
     def begun(self, event: Happening, z: Any) -> tuple[Any, Any]:
         """The state (D,) with which the mode begins after an event, and derivative (D, D) by `z`.
 
-        What begins to hold or to stick loses its rate. Where a chatter follows the stop is put to
-        zero gap.
+        Relative velocities of elements that begin to hold or to stick become zero. If a chatter
+        follows, positions are moved so that the gap is zero instead.
         """
         put = self.machine.put_on(event.element)
         matrix = put if event.chatters else self.machine.caught(event.mode, self.mode)
         return matrix @ z, matrix.real
 
     def force(self, element: int, state: Array) -> tuple[float, float]:
-        """Force by which an element holds, and its rate."""
+        """Constraint force of an element that holds, and its rate."""
         row = self.force_row(element, state)
         return float((row @ state).real), float((row @ self._flow @ state).real)
 
     def force_row(self, element: int, state: Any) -> Any:  # noqa: ARG002
-        """Derivative (D,) of the force by which an element holds."""
+        """Derivative (D,) of the constraint force of an element that holds."""
         return self.machine.force(self.mode, element)
 
 
 @final
 class TaylorFlights:
-    """Those of Taylor's method.
+    """Flights by Taylor's method.
 
     Parameters
     ----------
     oscillator : ImpactMap
     machine : Machine
-        Of it, with imaginary changes of its numbers if there are changes.
+        Machine of the oscillator, with imaginary changes of its numbers if `changes` are given.
     mode : Regimes
     changes : (j,), optional
-        Changes of the numbers of flights.
+        Changes of the numbers of flights in this mode.
     """
 
     def __init__(
@@ -141,30 +141,30 @@ class TaylorFlights:
         self._n = oscillator.degrees_of_freedom
 
     def short(self, z: Array) -> Array:
-        """A state (2, N + J + 1) of a whole state (D,)."""
+        """The state (2, N + J + 1) of Taylor's method for a whole state (D,)."""
         n = self._n
         x = np.concatenate([z[:n], z[2 * n : -3]])
         return self.mode.state(x, z[n : 2 * n], z[-3], z[-2])
 
     def whole(self, states: Array) -> Array:
-        """Whole states (k, D) of states (k, 2, N + J + 1)."""
+        """The whole states (k, D) for states (k, 2, N + J + 1) of Taylor's method."""
         x, v = self.mode.motion(states)
         parts = x, v, self.mode.sliders(states), states[..., -1], np.ones((len(x), 1))
         return np.concatenate(parts, axis=1)
 
     def wide(self, rows: Array, z: Array) -> Array:
-        """Rows (..., D) of rows (..., 2 N + J + 1) that end with those by the phase of a state."""
+        """Rows (..., D) from rows (..., 2 N + J + 1) that end with the derivative by the phase."""
         by_phase = rows[..., -1:]
         ends = by_phase * z[-2], -by_phase * z[-3], 0.0 * by_phase
         return np.concatenate([rows[..., :-1], *ends], axis=-1)
 
     def rate(self, z: Array) -> Array:
-        """Rate (D,) of a state."""
+        """Rate (D,) of a whole state."""
         (found,) = self.whole(self.mode.rate(self.short(z)[None]))
         return np.append(found[:-1], 0.0)
 
     def tangent(self, z: Array) -> Array:
-        """Derivative (D, D) of the rate of a state by it."""
+        """Derivative (D, D) of the rate of a state by the state."""
         n, out = self._n, np.zeros((len(z), len(z)))
         out[:n, n : 2 * n] = np.eye(n)
         out[n : 2 * n] = self.wide(self.mode.gradients(self.short(z), rates=True), z)
@@ -183,14 +183,15 @@ class TaylorFlights:
         return self.mode.path(self.short(z), max(lasts, 0.0))
 
     def passed(self, z: Array, lasts: float) -> tuple[Array, Array]:
-        """The state (D,) after a flight from one, and its derivative (D, D) by that.
+        """The state (D,) after a flight from state `z`, and its derivative (D, D) by `z`.
 
-        What holds keeps its acceleration; so a change that leaves it is a motion along it.
+        Held elements prescribe accelerations only; so the derivative covers changes of `z` that
+        violate the constraints.
 
         Raises
         ------
         NoSolution
-            When it cannot be followed.
+            When the flight diverges or cannot be followed.
         """
         try:
             end, flow = self.mode.flow(self.short(z), lasts)
@@ -203,7 +204,7 @@ class TaylorFlights:
         return self.whole(end[None])[0], out
 
     def changed(self, z: Array, lasts: float) -> Array:
-        """Change (D,) of the state after a flight by the changes of numbers."""
+        """Change (D,) of the state after a flight, due to the changes of the numbers."""
         out = np.zeros(len(z))
         if self.changes is not None:
             out[:-3] = self.mode.changed(self.short(z), lasts, self.changes)
@@ -213,7 +214,7 @@ class TaylorFlights:
         return out
 
     def rate_changed(self, z: Array) -> Array:
-        """Change (D,) of the rate of a state by the changes of numbers, but for the frequency's."""
+        """Change (D,) of the rate of a state by changed numbers; the phase's rate is left out."""
         out, n = np.zeros(len(z)), self._n
         if self.changes is not None:
             out[n : 2 * n] = self.mode.gradients(self.short(z), self.changes, rates=True)
@@ -235,7 +236,7 @@ class TaylorFlights:
 
     @cached_property
     def _scene(self) -> Scene:
-        """What the mode is in, with the changes of numbers."""
+        """Scene of the mode, with imaginary changes of its numbers."""
         if self.changes is None:
             return self.mode.scene
         return self.mode.scene.changed(STEP * self.changes[FREQUENCY + 1 :])
@@ -250,10 +251,7 @@ class TaylorFlights:
         return next(i for i, (k, own) in enumerate(guards) if k == element and same(own, watch))
 
     def observed(self, element: int, guard: int, z: Any) -> tuple[Any, Any]:
-        """What an element watches at a state, guard number `guard` of its regime; derivative (D,).
-
-        That is by the state.
-        """
+        """Value of guard number `guard` of an element at state `z`, and its derivative (D,)."""
         watch, now = self._watch(element, guard), z.real
         if not watch.force:
             row = self.machine.watched(self._regimes, element, guard)
@@ -270,7 +268,7 @@ class TaylorFlights:
         return value + 1j * (row @ z.imag + STEP * by), row
 
     def seen(self, element: int, guard: int, states: Array) -> tuple[Array, Array]:
-        """What an element watches at states (n, D), and its derivatives (n, D), or (D,) of one."""
+        """Values of a guard at states (n, D), and derivatives (n, D), or (D,) at the middle one."""
         watch = self._watch(element, guard)
         if not watch.force:
             return self.observed(element, guard, states)
@@ -279,7 +277,7 @@ class TaylorFlights:
         return np.array(values), self.observed(element, guard, states[len(states) // 2])[1]
 
     def _along(self, k: int, z: Any, row: Any, gap: Any, rate: Any) -> tuple[Any, Any]:
-        """What a row makes of states (..., D), and its derivative, with what functions add."""
+        """Product of a row and states (..., D), plus the terms of a stop's curve; derivative."""
         value = z @ row
         if k in self._scene.curves:
             n, own, sign = self._n, self._scene.curves[k], self.mode.scene.elements[k].sign
@@ -292,15 +290,15 @@ class TaylorFlights:
         return value, row
 
     def gap_of(self, element: int, z: Any) -> tuple[Any, Any]:
-        """Gap of a stop at a state, and its derivative (D,) by that."""
+        """Gap of a stop at state `z`, and its derivative (D,)."""
         return self._along(element, z, self.machine.gap(element), 1.0, 0.0)
 
     def rate_of(self, element: int, z: Any) -> tuple[Any, Any]:
-        """Rate of the gap of a stop at a state, and its derivative (D,) by that."""
+        """Rate of the gap of a stop at state `z`, and its derivative (D,)."""
         return self._along(element, z, self.machine.rate(element), 0.0, 1.0)
 
     def rubs(self, guard: Any, z: Any) -> list[int] | None:
-        """Friction that rubs at an impact; None where the masses leave open what it does."""
+        """Friction elements at an impact; None if the masses do not determine their effect."""
         automaton, where = self._oscillator._automaton, (z[: self._n], _phase(z))
         ambiguous = guard.ambiguous or (self.varies and automaton.outcome(guard, *where)[1])
         return None if ambiguous else [part.element for part in automaton.scrapes(guard, *where)]
@@ -316,12 +314,12 @@ class TaylorFlights:
         return out
 
     def takes(self, friction: int, z: Any) -> float:
-        """Most that an impact takes from a slip velocity, over the change of the gap's rate."""
+        """Largest change of a slip velocity by an impact, over the change of the gap's rate."""
         now = z.real
         return float(self.mode.takes(friction, now[: self._n], _phase(now)))
 
     def stopped(self, rubs: Rubs, z: Any) -> tuple[Any, Any]:
-        """The state (D,) without slip velocities that an impact takes; derivative (D, D) by `z`."""
+        """The state (D,) without the slips that an impact stops; derivative (D, D) by `z`."""
         if not self.varies:
             matrix = self.machine.stopped(self._regimes, rubs)
             return matrix @ z, matrix.real
@@ -344,8 +342,8 @@ class TaylorFlights:
     def begun(self, event: Happening, z: Any) -> tuple[Any, Any]:
         """The state (D,) with which the mode begins after an event, and derivative (D, D) by `z`.
 
-        What begins to hold or to stick loses its rate. Where a chatter follows the stop is put to
-        zero gap.
+        Relative velocities of elements that begin to hold or to stick become zero. If a chatter
+        follows, positions are moved so that the gap is zero instead.
         """
         if not self.varies:
             put = self.machine.put_on(event.element)
@@ -364,7 +362,7 @@ class TaylorFlights:
         return moved(z), _derivative(moved, z)
 
     def _put(self, k: int, z: Any) -> Any:
-        """Positions are moved along the gradient so that the gap is zero."""
+        """Move the positions along the gradient of a gap so that it is zero."""
         if k not in self._scene.curves:
             return self.machine.put_on(k) @ z
         function, x = self._scene.curves[k], z[: self._n]
@@ -377,7 +375,7 @@ class TaylorFlights:
         return np.concatenate([put + (1j * moved.imag if moved.imag.any() else 0.0), z[self._n :]])
 
     def _caught(self, z: Any) -> Any:
-        """What holds or sticks loses its rate, by impulses along all that does."""
+        """Make the relative velocities of held elements zero, by impulses along all of them."""
         n, held, elements = self._n, list(self._regimes.held), self.mode.scene.elements
         mass, rows = self._scene.inertia(z[:n], _phase(z))
         rates = np.array([elements[k].sign * self.rate_of(k, z)[0] for k in held])
@@ -388,13 +386,13 @@ class TaylorFlights:
 
     @cached_property
     def _bends(self) -> list[tuple[int, int]]:
-        """Sliders that slide along functions, and their places in a whole state."""
+        """Sliders that slip along functions, with their indices in a whole state."""
         scene, first = self.mode.scene, 2 * self._n
         pairs = ((k, first + j) for j, k in enumerate(scene.sliders) if k in scene.curves)
         return [(k, place) for k, place in pairs if not self.mode.regimes[k].anchored]
 
     def _slid(self, z: Any) -> Any:
-        """What slides is where its spring bears it."""
+        """Put each slider that slips where its spring balances the friction."""
         out = self.machine.slid(self._regimes) @ z
         for k, place in self._bends:
             along = self._scene.curves[k](z[: self._n])
@@ -415,9 +413,9 @@ class TaylorFlights:
         return 2.0 * series[:, 2], 6.0 * series[:, 3]
 
     def lifted(self, states: Array, times: Array) -> tuple[Array, Array]:
-        """Derivatives (n, D, D) less 1 of short flights, and states (n, D) after them.
+        """Derivatives minus identity (n, D, D) of short flights, and states (n, D) after them.
 
-        From the begin and the end of short ones by Magnus' series, so that nothing cancels.
+        For short flights they are Magnus' series from two Gauss points, so that nothing cancels.
         """
         out = np.empty((len(states), *2 * states.shape[1:]))
         for i, (z, lasts) in enumerate(zip(states, times.tolist(), strict=True)):
@@ -432,21 +430,22 @@ class TaylorFlights:
         return out, self._ends(states, times)
 
     def carried(self, states: Array, times: Array) -> Array:
-        """Changes (n, D) of states (n, D) after short flights by those of numbers."""
+        """Changes (n, D) of states (n, D) after short flights, due to changes of the numbers."""
         found = [self.changed(*pair) for pair in zip(states, times, strict=True)]
         return np.array(found).reshape(states.shape)
 
     def _ends(self, states: Array, times: Array) -> Array:
-        """States (n, D) after flights over some times (n,)."""
+        """States (n, D) after flights of durations (n,)."""
         pairs = zip(states, times.tolist(), strict=True)
         found = [self.whole(self.path(z, lasts).states(np.array([lasts]))) for z, lasts in pairs]
         return np.concatenate(found)
 
     def rolled(self, element: int, states: Array, times: Array) -> tuple[Array, Array]:
-        """Changes (n, D) of the row of a gap in short flights, and (n,) of what numbers change.
+        """Changes along flights: of the gradient of a gap, (n, D), and of its change by numbers.
 
-        That is what they change of the function of the coordinates. Of short ones from the mean of
-        the rates, so that nothing cancels.
+        The latter, (n,), is the change of the function of the coordinates along which the stop
+        acts; without a function both are zero. For short flights they are integrals of rates, so
+        that nothing cancels.
         """
         rows, gaps = np.zeros(states.shape), np.zeros(len(states))
         if element not in self._scene.curves:
@@ -466,12 +465,12 @@ class TaylorFlights:
         return rows, gaps
 
     def force(self, element: int, state: Array) -> tuple[float, float]:
-        """Force by which an element holds, and its rate."""
+        """Constraint force of an element that holds, and its rate."""
         force = self.mode.balance(self.short(state))[1][element]
         return float(force), float(self.force_row(element, state) @ self.rate(state))
 
     def force_row(self, element: int, state: Array) -> Array:
-        """Derivative (D,) of the force by which an element holds."""
+        """Derivative (D,) of the constraint force of an element that holds."""
         guards = enumerate(self.mode.guards)
         number, watch = next((i, w) for i, (k, w) in guards if k == element and w.force)
         found = self.mode.gradients(self.short(state), rates=False)[number] / watch.force
@@ -482,9 +481,9 @@ Flights = LinearFlights | TaylorFlights
 
 
 def laid(flights: Flights, closed: Sequence[int], z: Any) -> tuple[Any, Any]:
-    """A state (D,) moved so that gaps and their rates are zero, and derivative (D, D) by `z`.
+    """Move a state (D,) so that gaps and their rates are zero; with derivative (D, D) by `z`.
 
-    Along functions by a step of Newton's method, which is exact for states that are there.
+    For stops along functions this is one step of Newton's method, exact for states on the stops.
     """
     n, by = flights.machine.size, np.eye(len(z))
     for begin, seen in ((0, flights.gap_of), (n, flights.rate_of)) if closed else ():
@@ -496,7 +495,7 @@ def laid(flights: Flights, closed: Sequence[int], z: Any) -> tuple[Any, Any]:
 
 
 def _derivative(moved: Callable[[Any], Any], z: Any) -> Array:
-    """Derivative (D, D) of a change of states by the state."""
+    """Derivative (D, D) of a function of states, by complex steps."""
     here = moved(z.real + 0j)
     there = [moved(z.real + 1j * STEP * unit) for unit in np.eye(len(z))[:-1]]
     by = (np.array(there) - here).imag.T / STEP
@@ -512,13 +511,13 @@ def _phase(z: Any) -> Any:
 
 
 def same(a: Any, b: Any) -> bool:
-    """Whether guards of a regime are the same: levels of friction that sticks together differ."""
+    """Whether two guards of a regime are the same; levels of friction may differ."""
     pairs = ((getattr(a, n), getattr(b, n)) for n in ("to", "gap", "rate", "force", "stretch"))
     return all(one == two for one, two in pairs)
 
 
 def number_of(guards: Sequence[Any], watch: Any) -> int:
-    """Which of the guards of a regime it is."""
+    """Number of the guard among the guards of a regime."""
     return next(k for k, own in enumerate(guards) if same(own, watch))
 
 

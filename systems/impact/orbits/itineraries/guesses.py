@@ -22,22 +22,22 @@ if TYPE_CHECKING:
     from dynkit.systems.impact.impact_map import ImpactMap
 
 STARTS = 200
-"""Guesses of a search."""
+"""Number of random guesses of a search."""
 
 
 def ascend(phases: Array, periods: int) -> bool:
-    """Whether there are phases, (n,), that ascend and span less than so many periods."""
+    """Whether there are phases, (n,), and they ascend and span less than some periods."""
     late = np.ptp(phases) >= TWO_PI * periods if len(phases) else True
     return not late and bool((np.diff(phases) > 0.0).all())
 
 
 def solvable(name: str, impacts: int) -> None:
-    """Refuse more impacts than Newton's method has memory for: 2n equations, solved in place."""
+    """Raise an error if the 2n equations of n impacts need more memory than there is."""
     within_memory(name, impacts, 2.0 * 8.0 * (2.0 * impacts) ** 2)
 
 
 def make_problem(oscillator: ImpactMap, periods: int, sides: Any) -> ItineraryEquations:
-    """The equations of P(n,m), impacts of one mode with n sides.
+    """Return the equations of P(n,m) whose impacts, in the free mode, are with stops `sides`, (n,).
 
     Raises
     ------
@@ -54,7 +54,7 @@ def make_problem(oscillator: ImpactMap, periods: int, sides: Any) -> ItineraryEq
         raise ValueError("system must be driven: amplitude and harmonic_forces are zero")
     lasts = 1.0 / w
     if len(free_motion(oscillator._contact).neutral):
-        # an impact takes what the constant forces have given in a period
+        # impulses balance the momentum that constant forces give in the periods
         lasts = TWO_PI * periods / w
         constant = oscillator._excitation.constant
         pull = oscillator._contact.row @ np.linalg.solve(oscillator.mass, constant)
@@ -65,7 +65,7 @@ def make_problem(oscillator: ImpactMap, periods: int, sides: Any) -> ItineraryEq
 
 
 def with_impulses(problem: ItineraryEquations, phases: Array) -> Array:
-    """The other unknowns that serve best at given phases: all equations are linear in them."""
+    """Return unknowns with given phases; the others solve linear equations by least squares."""
     n = len(phases)
     start = np.append(phases, np.zeros(problem.size - n))
     matrix = problem.linearization(start, NONE)[:, n:]
@@ -74,7 +74,7 @@ def with_impulses(problem: ItineraryEquations, phases: Array) -> Array:
 
 
 def one_impact(oscillator: ImpactMap, periods: int) -> Iterator[tuple[ItineraryEquations, Array]]:
-    """Equations and solutions of all P(1,m), from their closed form."""
+    """Yield equations and solutions of all P(1,m), from their closed form."""
     for side in range(len(oscillator._stops)):
         problem = make_problem(oscillator, periods, [side])
         for x in _held(problem, side) if problem.responds else _not_held(problem):
@@ -82,7 +82,9 @@ def one_impact(oscillator: ImpactMap, periods: int) -> Iterator[tuple[ItineraryE
 
 
 def _held(problem: ItineraryEquations, side: int) -> Iterator[Array]:
-    """Gap and its rate at the impact are one complex equation, quadratic in the impulse.
+    """Solutions P(1,m) where all motions have a restoring force.
+
+    Gap and gap rate at the impact form one complex equation, which is quadratic in the impulse.
 
     With the steady gap Im(C exp(i phase)) + c and the periodic response G, G' just after a unit
     impulse, C exp(i phase) = J s / w - i (c + J G), where s = r / (1 + r) - G'.
@@ -102,12 +104,13 @@ def _held(problem: ItineraryEquations, side: int) -> Iterator[Array]:
 
 
 def _not_held(problem: ItineraryEquations) -> Iterator[Array]:
-    """Where no spring holds one motion: wherever that begins, the structure returns to its place.
+    """Solutions P(1,m) where one motion has no restoring force.
 
-    The equations of the return are linear in all but the phase; they give the impulse and the
-    state, but for its place. The rate of the gap at the impact is then a + b cos + c sin of the
-    phase, which tells the phase, and the gap tells the place. Where the equations leave more open,
-    or nothing, no orbit is isolated.
+    Then the position along this motion is free in the equations of the return. These are linear in
+    all unknowns except the phase, and give the impulse and the rest of the state. The rate of the
+    gap at the impact is a + b cos + c sin of the phase: this equation gives the phase. The gap
+    gives the free position. If the equations leave more unknowns free, or none, no orbit is
+    isolated.
     """
     none = np.zeros(problem.size)
     matrix = problem.linearization(none, NONE)[:, 1:]
@@ -137,7 +140,7 @@ def _not_held(problem: ItineraryEquations) -> Iterator[Array]:
 def random_guesses(
     oscillator: ImpactMap, impacts: int, periods: int
 ) -> Iterator[tuple[ItineraryEquations, Array]]:
-    """Return equations and guesses (2n,) of P(n,m) from `STARTS` sets of random phases."""
+    """Yield equations and guesses (2n,) of P(n,m) from `STARTS` sets of random phases."""
     random = np.random.default_rng(0)
     stops = len(oscillator._stops)
     problems: dict[bytes, ItineraryEquations] = {}

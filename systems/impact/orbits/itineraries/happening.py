@@ -1,4 +1,4 @@
-"""What ends the modes of a periodic motion."""
+"""Events that end the modes of a periodic motion."""
 
 from __future__ import annotations
 
@@ -8,23 +8,25 @@ from dynkit.systems.impact.orbits.machine import Regimes, Rubs
 
 
 class Happening(NamedTuple):
-    """What ends a mode.
+    """An event that ends a mode.
 
     Attributes
     ----------
     mode : Regimes
+        The mode that ends.
     element, guard : int
-        The guard that is zero: of an element, by its number in the regime; element -1 is none, a
-        period of the forcing that begins.
+        The guard that is zero: its element, and its number in the element's regime. Element -1
+        marks the begin of a period of the forcing, without a guard.
     kicked : Regimes or None
-        Of an impact the mode in which it happens: what it opens is open, what it moves slips.
+        Mode of the impact, if the event is one: stops that it opens are open, and friction that it
+        moves slips.
     chatters : bool
-        Whether contact with the same stop follows, the next mode, at once or after impacts that are
-        not events of the itinerary.
+        Whether the next mode is contact with the same stop. It follows at once, or after impacts
+        that are not events of the itinerary.
     piece : int
-        Of an impact the number of the smooth piece of its law: see `ImpactLaw.piece`.
+        Number of the smooth piece of the impact law that an impact uses: see `ImpactLaw.piece`.
     rubs : tuple
-        Of an impact the friction that leans on the stop: see `Rubs`.
+        Friction at the stop that an impact hits: see `Rubs`.
     """
 
     mode: Regimes
@@ -37,4 +39,4 @@ class Happening(NamedTuple):
 
 
 Itinerary = tuple[Happening, ...]
-"""Events in their order; each mode follows the event before."""
+"""The events of a period in their order; the mode of each begins at the event before."""

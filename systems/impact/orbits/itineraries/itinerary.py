@@ -29,41 +29,41 @@ if TYPE_CHECKING:
     from dynkit.systems.impact.impact_map import ImpactMap
 
 _AT_ONCE = 2.0**-40
-"""Parts of a period: events that are so near happen at once."""
+"""Events within this fraction of the run (at least of 1/frequency) are simultaneous."""
 
 _ZERO = 1e-6
-"""Of the sum of its largest absolute terms: a guard that is smaller has ended a mode."""
+"""Relative size below which a guard is zero: |guard| <= _ZERO * (sum of its largest terms)."""
 
 _SLOW = 1e-9
-"""Velocity of a slow impact."""
+"""Velocity at which the rebound of slow impacts is decided."""
 
 _STILL = 1e-9
-"""Of the largest coordinate: one that remains smaller is zero to rounding."""
+"""Coordinates below this fraction of the largest one are zero up to rounding."""
 
 _SAME = 1e-2
-"""States of a cycle, a period apart, differ by no more, relative: then it is one cycle."""
+"""Largest relative difference of states one period apart for which a motion is a cycle."""
 
 
 class Course:
-    """An itinerary, and what is asked of it again and again.
+    """An itinerary with numbers of its events that are often used.
 
     Attributes
     ----------
     itinerary : tuple of Happening
     following : tuple of Happening
-        The events, each in the place of the one before.
+        The event after each event, cyclically.
     hits : list of int
-        Numbers of the impacts among the events.
+        Numbers of the events that are impacts.
     impulse_of : dict
-        The number of each among the impacts.
+        The number of the impulse, by the number of the event.
     sides : (k,)
-        The stops that they hit.
+        Number of the stop that each impact hits.
     kinds : (n,)
-        Numbers by which kinds of events differ.
+        Numbers that are different for different kinds of events.
     signs : (n,)
-        Numbers by which impulses of different stops differ.
+        Weights of impulses that are different for different stops.
     nodes : tuple of int
-        Numbers of the events before which the state is unknown: of what sticks the releases.
+        Numbers of the events before which the state is unknown; the releases of P(inf,m).
     sticks : bool
         Whether contact with a stop begins with an impact.
     """
@@ -94,7 +94,7 @@ def _kind(event: Happening) -> float:
 
 
 class Seen(NamedTuple):
-    """Events of a motion: times (k,), what they are, states (k, 2N + J) just before them."""
+    """Events of a simulated motion: times (k,), the events, states (k, 2N + J) just before."""
 
     times: Array
     events: Itinerary
@@ -102,11 +102,11 @@ class Seen(NamedTuple):
 
     @property
     def releases(self) -> list[int]:
-        """Numbers of those that end contact with a stop."""
+        """Numbers of the events that end contact with a stop."""
         return releases_in(self.events, self.events[1:])
 
     def part(self, low: int, high: int) -> Seen:
-        """Some of them."""
+        """The events from number `low` to before number `high`."""
         return Seen(self.times[low:high], self.events[low:high], self.states[low:high])
 
 
@@ -139,12 +139,14 @@ def events_seen(
     until: float = math.inf,
     machine: Machine | None = None,
 ) -> Seen:
-    """The events of a motion up to a time that end modes; what only follows at once is left out.
+    """Return the events of a motion that end modes, up to a time.
 
-    Sliders that yield at once, as equal ones do, are one event: that of the first one.
+    Changes of regime that an event causes at the same time are no events. Sliders that yield
+    simultaneously, as equal ones do, are one event: that of the first slider.
 
-    Impacts of a chatter before contact are left out but for the first ones, between which the
-    motion is not smooth: see `Happening.chatters`. Where all are to be named, contact is an event.
+    If `named`, only the first impacts of a chatter are events, between which the motion is not
+    smooth: see `Happening.chatters`. Otherwise all its impacts are events, and contact is another
+    one.
     """
     automaton, machine = oscillator._automaton, machine or machine_of(oscillator)
     contact, strobed, parts = EventKind.CONTACT, oscillator._strobed, run.segments
@@ -173,14 +175,14 @@ def events_seen(
     at_once = _AT_ONCE * max(run.duration, 1.0 / oscillator.frequency)
     last, lasting, now = -np.inf, parts.mode[0], set[int]()
     reached, amid = _reached(run)
-    # states at events alone may all have a coordinate of zero
+    # a coordinate may be zero at all events: half-way states give its size as well
     sizes = np.maximum(abs(reached), abs(amid)).max(axis=0, initial=0.0)
     own = zip(parts.kind.tolist(), parts.begin.tolist(), parts.guard.tolist(), strict=True)
     modes = parts.mode.tolist()
     for k, (kind, begin, at) in enumerate(own):
         hit = kind == EventKind.IMPACT
         if k == 0 or (hit and strobed) or begin <= at_once:
-            continue  # a period begins, or the motion, in the regimes that its start is in
+            continue  # begin of a period, or a change of regime at the start of the motion
         before = modes[k - 1]
         if begin > until:
             break
@@ -226,9 +228,10 @@ def events_seen(
 
 
 def _lasting(guards: Sequence[Any], watch: Any) -> int:
-    """Number of the guard that lasts and is zero where one of a regime is; -1 if there is none.
+    """Number of the guard of a regime that is zero at an event; -1 if there is none.
 
-    Slip that ends as another event happens may be found reversed, rather than at its zero.
+    A guard of kind JUMP is replaced by the guard of another kind with the same weights: a slip that
+    ends during another event may be found reversed rather than at its zero.
     """
     if watch.event != JUMP:
         return number_of(guards, watch)
@@ -243,12 +246,12 @@ def _lasting(guards: Sequence[Any], watch: Any) -> int:
 def _outcome(
     machine: Machine, flights: Flights, event: Happening, guard: Any, z: Array
 ) -> Happening:
-    """An impact with the piece of its law, and its friction, from the state (D,) just before.
+    """Return an impact with the piece of its law, and its friction, from the state just before.
 
     Raises
     ------
     NoConvergence
-        When masses leave open what friction does.
+        When the masses do not determine the effect of friction.
     """
     stop, mode = guard.element, event.kicked
     law: Any = machine.elements[stop].restitution
@@ -268,7 +271,7 @@ def _outcome(
 
 
 def way(slip: float, taken: float) -> int:
-    """Sign of a slip velocity of which an impact takes so much at most; 0 where that is all."""
+    """Sign of a slip velocity; 0 if an impact can take all of it, that is `taken` or less."""
     return 0 if abs(slip) <= taken else int(math.copysign(1.0, slip))
 
 
@@ -278,9 +281,10 @@ def _name(
     seen: tuple[list[float], list[Happening], list[Array]],
     run: Trajectory,
 ) -> None:
-    """Leave out, in place, the last impacts with a stop between which the motion is smooth.
+    """Remove, in place, the last impacts of a chatter, between which the motion is smooth.
 
-    There the gap is concave, the more the less the acceleration changes, and flights shrink.
+    Between these impacts the gap's acceleration is negative and changes by less than half of its
+    size, and each flight is shorter than the one before.
     """
     times, events, states = seen
     if not events or events[-1].element != k:
@@ -310,7 +314,7 @@ def _name(
 
 
 def _reached(run: Trajectory) -> Array:
-    """States (2, k, D) just before all events, and half-way to them."""
+    """States (2, k, D) just before all events, and half-way between events."""
     parts, system, between = run.segments, run.start._system, np.diff(run.segments.begin)
     lasts = np.stack([between, 0.5 * between])
     phases = run.start.phase + system.frequency * (parts.begin[1:] - (between - lasts))
@@ -325,7 +329,11 @@ def _reached(run: Trajectory) -> Array:
 
 
 def of_period(seen: Seen, end: float, length: float) -> Seen:
-    """The events of the last period before a time, which begins where nothing happens for long."""
+    """Return the events of one period.
+
+    This period ends in the middle of the longest interval without events. The interval is sought in
+    the last period before `end`.
+    """
     border = np.append(end - length, seen.times[(seen.times > end - length) & (seen.times < end)])
     border = np.append(border, end)
     longest = int(np.argmax(np.diff(border)))
@@ -335,7 +343,7 @@ def of_period(seen: Seen, end: float, length: float) -> Seen:
 
 
 def releases_in(events: Sequence[Happening], following: Sequence[Happening]) -> list[int]:
-    """Numbers of the events that end contact with a stop that is hit, by the events after them."""
+    """Numbers of the events that end contact with a stop that is hit; `following` are the next."""
     hit = {event.element for event in events if event.kicked}
     return [
         i
@@ -347,7 +355,7 @@ def releases_in(events: Sequence[Happening], following: Sequence[Happening]) -> 
 
 
 def from_release(seen: Seen, first: int, end: float, within: float) -> Seen | None:
-    """The events from number `first`, a release, to the one before its next near a time."""
+    """Return the events from release number `first` to before the same release near time `end`."""
     own = [k for k in seen.releases if seen.events[k].element == seen.events[first].element]
     late = {k: abs(seen.times[k] - end) for k in own if k > first}
     last = min(late, key=late.__getitem__, default=first)
@@ -355,12 +363,12 @@ def from_release(seen: Seen, first: int, end: float, within: float) -> Seen | No
 
 
 def of_cycle(seen: Seen, run: Trajectory, placed: Callable[[Array], Array]) -> tuple[Seen, float]:
-    """The events, until it comes again, of a run that nothing drives, and the period.
+    """Return the events of one cycle of a run that nothing drives, and the period.
 
     Raises
     ------
     NoConvergence
-        Where it does not.
+        When the motion does not repeat.
     """
     count = len(seen.times)
     states = placed(seen.states)
@@ -381,7 +389,7 @@ def of_cycle(seen: Seen, run: Trajectory, placed: Callable[[Array], Array]) -> t
 
 
 def counts_of(oscillator: ImpactMap, itinerary: Itinerary) -> dict[str, float]:
-    """How often what happens in a period, by element: see `OrbitLabel.counts`."""
+    """Numbers of events in a period, by element: see `OrbitLabel.counts`."""
     found: dict[str, float] = {}
     for k, (name, element) in enumerate(
         zip(element_names(oscillator), oscillator._elements, strict=True)
@@ -398,14 +406,14 @@ def counts_of(oscillator: ImpactMap, itinerary: Itinerary) -> dict[str, float]:
 
 
 def _rebounds(law: Any, piece: int) -> bool:
-    """Whether slow impacts rebound, of one piece of a law."""
+    """Whether slow impacts rebound, by the restitution or one piece of an impact law."""
     if not isinstance(law, ImpactLaw):
         return bool(law)
     return bool(law.continued(piece, np.array([_SLOW]))[0] > 0.0)
 
 
 def returns_of(oscillator: ImpactMap, itinerary: Itinerary) -> int:
-    """Number of returns to the section of a machine that nothing drives: impacts, or its events."""
+    """Number of returns to the section of an undriven machine: impacts, or events of an element."""
     if hits := sum(event.kicked is not None for event in itinerary):
         return hits
     k = cycled_by(oscillator._elements)

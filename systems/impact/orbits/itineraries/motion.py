@@ -1,4 +1,4 @@
-"""What unknowns of an itinerary's equations stand for: states at its events, and all between."""
+"""The motion of an itinerary at given unknowns: states at its events, and flights in between."""
 
 from __future__ import annotations
 
@@ -16,20 +16,20 @@ from dynkit.systems.impact.orbits.itineraries.itinerary import Course
 from dynkit.systems.impact.simulation.state import SHEET, TWO_PI
 
 ROUNDING = 32.0 * 2.0**-52
-"""Of each term of an equation, relative: rows, kicks, sines and transitions are rounded."""
+"""Relative rounding error of each term of an equation: of rows, kicks, sines and transitions."""
 
 LATE = 2.0 * 2.0**-52
-"""Of the period, relative: it is a rounded multiple of a rounded turn, divided and rounded."""
+"""Relative rounding error of the period: 2 pi, its multiple and the quotient are rounded."""
 
 
 SAME = 1e-6
-"""In units of a period: how far a simulated event may be from that of the orbit."""
+"""Largest time, in periods, between a simulated event and the same event of the orbit."""
 
 AT_ONCE = 2.0**-45
-"""In units of a period: events so near happen at once, as of a symmetric machine."""
+"""Events within this time, in periods, are simultaneous, such as those of a symmetric machine."""
 
 _ROUNDING = 64.0 * 2.0**-52
-"""In units of the largest position: rounding of gaps."""
+"""Rounding error of gaps, relative to the largest position."""
 
 
 class Lap(NamedTuple):
@@ -38,12 +38,12 @@ class Lap(NamedTuple):
     Attributes
     ----------
     phases : (n + 1,)
-        Of the events, and of the first one a period later.
+        Phases of the events, and of the first one a period later.
     turn : Any
-        Time of a turn of the phase, where nothing drives the machine.
+        Time of one turn of the phase, where nothing drives the machine.
     impulses : (k,)
     states : (j, 2N + J)
-        Just before the events that are nodes; none where they follow from the impulses.
+        States just before the nodes; none where they follow from the impulses.
     """
 
     phases: Array
@@ -53,25 +53,25 @@ class Lap(NamedTuple):
 
 
 class ItinerarySolution(ABC):
-    """The motion of an itinerary at given unknowns and parameters, whether it is possible or not.
+    """The motion of an itinerary at given unknowns and parameters, admissible or not.
 
-    It has n impacts, without those of a chatter, and k states, from which the motion can be
+    It has n impacts, without those of a chatter, and k section states, from which the motion can be
     simulated: P(n,m) just after each impact, P(inf,m) at each release.
 
-    A subclass must implement what is abstract here, and in addition, for guards (n,), laws of the
-    impacts (k,), and what becomes of each unknown state less the next one, (m,) together:
+    The m equations are the guards (n,), the impact laws (k,), and the states reached from each node
+    less the next node's. A subclass must implement the abstract methods and:
 
-    1. ``left``, what is left of these equations;
-    2. ``jacobian(multiplier)``, their derivative D(multiplier), (m, m);
-    3. ``rounding``, what rounding may make of them;
-    4. ``change(change)``, their derivative by a change of all numbers; None where it is not known;
+    1. ``left``, the residual (m,) of the equations;
+    2. ``jacobian(multiplier)``, its derivative D(multiplier), (m, m);
+    3. ``rounding``, rounding errors (m,) of the residual;
+    4. ``change(change)``, its derivative by a change of all numbers; None where it is not known;
     5. ``before``, positions and velocities (n, 2N), or more, just before the events.
 
     Parameters
     ----------
     oscillator : ImpactMap
     measures : (D,)
-        What states are measured in.
+        Units of states.
     course : Course
     lap : Lap
     clock : Any
@@ -79,10 +79,10 @@ class ItinerarySolution(ABC):
     """
 
     LARGEST: ClassVar[int] = 50
-    """Of so many coordinates at most derivatives by complex steps: of the third power of them."""
+    """Most coordinates for derivatives by complex steps, whose cost is the third power of them."""
 
     blind: ClassVar[bool]
-    """Whether dips below rounding are not told from none, as flights may begin at zero."""
+    """Whether minima below rounding are ignored, as guards may be zero where flights begin."""
 
     def __init__(
         self, oscillator: Any, measures: Array, course: Course, lap: Lap, clock: Any
@@ -97,13 +97,14 @@ class ItinerarySolution(ABC):
 
     @property
     def durations(self) -> Any:
-        """Times (n,) from each event to the next, negative where their order is another one."""
+        """Times (n,) from each event to the next, negative where they are in reverse order."""
         return np.diff(self.lap.phases) / self.clock
 
     def least_apart(self, i: int, size: float) -> float:
-        """Part of a period within which the order of event number `i` and the next is rounding.
+        """Fraction of a period within which rounding decides the order of event `i` and the next.
 
-        That of slow impacts is rounding of gaps, at positions of some size, over the impulses.
+        For two impacts it is at least the rounding error of gaps, at positions of this size,
+        divided by the smaller impulse.
         """
         pair = [k for k in (i, (i + 1) % self.events) if k in self.impulse_of]
         slowest = min(abs(float(self.impulses[self.impulse_of[k]])) for k in pair) if pair else 0.0
@@ -120,7 +121,7 @@ class ItinerarySolution(ABC):
 
     @property
     def reached(self) -> Any:
-        """Whole states (n, D) just before the next events, of motions with unknown states."""
+        """Whole states (n, D) just before the next events, for motions with unknown states."""
         raise NotImplementedError
 
     @property
@@ -132,39 +133,39 @@ class ItinerarySolution(ABC):
     def passed(self, since: Array) -> Array:
         """States (j, 2N + J) at times (j,) from the first event on, in one period."""
 
-    # --- what is watched --------------------------------------------------------------------------
+    # --- guards between events --------------------------------------------------------------------
 
     @final
     @kept
     def curve(self, i: int, element: int, guard: int = 0) -> Curve:
-        """What an element watches from event number `i` to the next."""
+        """A guard of an element as a curve, from event number `i` to the next event."""
         return self._curve(i, element, guard)
 
     @abstractmethod
     def _curve(self, i: int, element: int, guard: int) -> Curve:
-        """The same, not kept."""
+        """Compute the curve that `curve` keeps."""
 
     @abstractmethod
     def size_of(self, i: int, element: int, guard: int) -> float:
-        """What it is measured in."""
+        """Unit of the guard of an element after event number `i`."""
 
     def begins(self, i: int) -> float:
-        """Phase from which it is watched: of event number `i`, or of contact after its chatter."""
+        """Phase at which the curve begins: event number `i`, or the contact after its chatter."""
         return float(self.event_phases[i])
 
     def ends(self, i: int) -> tuple[int, int]:
-        """Numbers of the events between which it is watched."""
+        """Numbers of the events between which the curve lasts."""
         return i, (i + 1) % self.events
 
     @abstractmethod
     def acceleration(self, i: int) -> tuple[float, float]:
-        """That of the gap just after impact number `i`; what rounding makes of it."""
+        """Acceleration of the gap just after impact number `i`, and its rounding error."""
 
     # --- the motion -------------------------------------------------------------------------------
 
     @property
     def frequency(self) -> float:
-        """Of the phase, that of the forcing where there is one."""
+        """Angular frequency of the phase; that of the forcing where there is one."""
         return float(self.clock)
 
     @property
@@ -188,7 +189,7 @@ class ItinerarySolution(ABC):
     def phases(self) -> Array:
         """Phases (k,) of the section states, not wrapped, read-only.
 
-        Of releases, of impacts, of periods that begin, or of all events.
+        These are the phases of releases, of impacts, of begins of periods, or of all events.
         """
         if self.course.sticks:
             return read_only(self.event_phases[list(self.course.nodes)])
@@ -202,14 +203,14 @@ class ItinerarySolution(ABC):
 
     @property
     def progress(self) -> Array:
-        """Change (2N + J,) of the state in a period, of a machine that progresses."""
+        """Change (2N + J,) of the state in a period; not zero if the machine progresses."""
         return np.asarray(self._elsewhere[-1])
 
     @cached_property
     def _elsewhere(self) -> Array:
         """Shifts (n + 1, 2N + J) from the first node to each event, and to the end of the period.
 
-        States at nodes are without the shift of a machine that progresses.
+        The unknown states at nodes do not contain the shift of a machine that progresses.
         """
         along = self.progression
         out = np.zeros((self.events + 1, len(along.shift)))
@@ -228,7 +229,7 @@ class ItinerarySolution(ABC):
 
     @property
     def section_states(self) -> Array:
-        """Section coordinates (k, 2N) of the states."""
+        """Section coordinates (k, 2N + J) of the states."""
         if not len(self.hits):
             return self._at((self.phases - self.event_phases[0]) / self.clock)
         n, system = self.oscillator.degrees_of_freedom, self.oscillator
@@ -261,7 +262,7 @@ class ItinerarySolution(ABC):
 
     @property
     def chatter_error(self) -> float:
-        """Largest change of a position or velocity by replacing the rest of a chatter."""
+        """Largest change of a position or velocity by the omission of bounces of a chatter."""
         return 0.0
 
     @property
@@ -276,7 +277,7 @@ class ItinerarySolution(ABC):
         return np.array(found).reshape(-1, 2)
 
     def _released(self, i: int, stop: int) -> float:
-        """Phase at which a contact that event number `i` begins is over."""
+        """Phase at which the contact with a stop ends that begins at event number `i`."""
         for j in range(i + 1, i + self.events + 1):
             turns, k = divmod(j, self.events)
             if stop not in self.following[k].mode.held:

@@ -1,4 +1,4 @@
-"""Motions that a search for orbits without a closed form starts from."""
+"""Simulated motions from which a search for orbits without a closed form starts."""
 
 from __future__ import annotations
 
@@ -17,19 +17,19 @@ if TYPE_CHECKING:
     from dynkit.systems.impact.impact_map import ImpactMap
 
 _TRIED = 200
-"""Random starts that are tried at most: some are beyond a stop."""
+"""Largest number of random starts tried: some are beyond a stop."""
 
 _FAR = 1e3
-"""How many times as large as its last part a motion is where it is a transient from far away."""
+"""A part of a motion larger than its last part by this factor is a transient from far away."""
 
 SWITCHES = 32
-"""Switches of soft stops and friction, for each impact of a motion, after which that is left."""
+"""Largest number of switches of soft stops and friction, per impact, of a simulated motion."""
 
 
 class Effort(NamedTuple):
-    """How much is simulated: parts of the motion from the first start, of so many impacts each.
+    """Amount of simulation: parts of the motion from the first start, and random starts.
 
-    And as many impacts from each of some random starts.
+    Each part, and each motion from a random start, has `impacts` impacts.
     """
 
     parts: int
@@ -41,11 +41,11 @@ FEW, MANY = Effort(5, 200, 10), Effort(10, 300, 20)
 
 
 def simulated_motions(oscillator: ImpactMap, effort: Effort = FEW) -> Iterator[ImpactRecord]:
-    """The motion from a start at the machine's own length in parts, then those from random starts.
+    """Yield the motion from a start at the machine's own length, in parts, then random motions.
 
-    As a motion may be chaotic, it comes near to other orbits in each part. Random starts have
-    coordinates up to twice as large as the largest of the former motion. Parts of a transient from
-    far away are left out. The same orbits are found whatever the units.
+    A chaotic motion comes near to other orbits in each part. Random starts have coordinates up to
+    twice as large as the largest ones of the first motion. Parts of a transient from far away are
+    left out. The orbits found do not depend on the units.
     """
     n, length, parts = oscillator.degrees_of_freedom, oscillator._length, []
     with suppress(NoMotion):

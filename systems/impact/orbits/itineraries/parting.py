@@ -1,4 +1,4 @@
-"""Events that happen at once: what a parameter parts, and the order in which they then happen."""
+"""Simultaneous events: which of them a parameter separates, and their order afterwards."""
 
 from __future__ import annotations
 
@@ -15,17 +15,17 @@ from dynkit.systems.impact.orbits.itineraries.motion import SAME
 from dynkit.systems.impact.orbits.machine import Regimes
 
 _PARTS = 1e-6
-"""Of a tangent of length one: phases that move apart by less stay together."""
+"""Events whose phases separate by less, along a tangent of length one, stay simultaneous."""
 
 
 _NO_VALUES = np.empty(0)
 
 _LIKE = 1e-9
-"""Relative difference of two orbits, and of their derivatives: where it is more, they differ."""
+"""Largest residual, and relative difference of monodromy matrices, of orbits that are the same."""
 
 
 def at_once(system: Any, event: Happening, after: Regimes) -> list[Happening]:
-    """An event of a slider, and those of the other sliders that yield or halt with it, in turn."""
+    """Return a slider's event and those of other sliders that yield or halt with it, in order."""
     k, now, found = event.element, event.mode, [event]
     if event.kicked or k not in system._parts.sliders:
         return found
@@ -41,7 +41,7 @@ def at_once(system: Any, event: Happening, after: Regimes) -> list[Happening]:
 
 
 def _moved(system: Any, mode: Regimes, after: Regimes, done: Sequence[int]) -> Regimes:
-    """A mode after those events of a later one that some elements have had."""
+    """Return a mode in which some elements already have their regimes of a later mode."""
     numbers = list(mode.numbers)
     for j in done:
         numbers[j] = after.numbers[j]
@@ -49,7 +49,9 @@ def _moved(system: Any, mode: Regimes, after: Regimes, done: Sequence[int]) -> R
 
 
 def parted(problem: Any, x: Array, way: float) -> tuple[Any, Array]:
-    """Equations and unknowns in which events that a parameter parts have the order beyond.
+    """Return equations and unknowns with simultaneous slider events in their order beyond a point.
+
+    Events whose phases separate as the parameter changes become separate events.
 
     Parameters
     ----------
@@ -58,7 +60,7 @@ def parted(problem: Any, x: Array, way: float) -> tuple[Any, Array]:
     x : (m,)
         A solution.
     way : float
-        Positive where the order is that for larger values of the parameter, else negative.
+        Positive for the order at larger values of the parameter, negative for smaller ones.
     """
     s, system = problem.at(x, problem.values), problem.oscillator
     pairs = zip(problem.itinerary, s.following, strict=True)
@@ -68,7 +70,7 @@ def parted(problem: Any, x: Array, way: float) -> tuple[Any, Array]:
     stations = problem._stations(s)
 
     def of(orders: list[list[list[Happening]]]) -> tuple[Any, Array]:
-        """The equations where the events of each group happen in parts, in turn."""
+        """Return the equations in which each group of events is split into successive parts."""
         found = []
         for station, order, after in zip(stations, orders, s.following, strict=True):
             first = station.event
@@ -88,7 +90,7 @@ def parted(problem: Any, x: Array, way: float) -> tuple[Any, Array]:
 
 
 def _speeds(problem: Any, x: Array, way: float) -> list[float]:
-    """Changes (n,) of the phases of events along the tangent of a branch, of length one."""
+    """Changes (n,) of the phases of events along the unit tangent of a branch."""
     p, scale = problem.values, problem.scale(x)
     matrix = problem.linearization(x, p) * scale
     by = problem.parameter_derivative(x, p) * np.maximum(abs(p), 1.0)
@@ -101,7 +103,7 @@ def _speeds(problem: Any, x: Array, way: float) -> list[float]:
 
 
 def _in_parts(group: list[Happening], speeds: list[float]) -> list[list[Happening]]:
-    """The events of a group in the order of their phases, those that stay together in one part."""
+    """Sort a group of events by the changes of their phases; simultaneous ones form one part."""
     parts: list[list[Happening]] = []
     last = -np.inf
     for speed, event in sorted(zip(speeds, group, strict=True), key=lambda own: own[0]):
@@ -113,10 +115,10 @@ def _in_parts(group: list[Happening], speeds: list[float]) -> list[list[Happenin
 
 
 def reversed_order(problem: Any, x: Array, p: Array, i: int) -> tuple[Any, Array] | None:
-    """The same motion where all events that happen at once happen in the reverse order.
+    """Return the same motion with all simultaneous events in reverse order.
 
-    At a parameter of a symmetric machine several pairs may do so. None where one of event `i` and
-    the next begins a contact, or ends one that begins with impacts.
+    In a symmetric machine several pairs may be simultaneous. None if event `i` and the next cannot
+    be exchanged, because one begins a contact, or ends one that began with impacts.
     """
     s = problem.at(x, p)
     stations, moved = _in_order(problem, s, [run[::-1] for run in _runs(s)])
@@ -124,9 +126,9 @@ def reversed_order(problem: Any, x: Array, p: Array, i: int) -> tuple[Any, Array
 
 
 def commute(problem: Any, x: Array, i: int) -> bool:
-    """Whether event `i` and the next, at once, may also happen in the reverse order.
+    """Whether event `i` and the next, which are simultaneous, may be in either order.
 
-    Then the orbit, and what disturbances become, are the same, as of a symmetric machine.
+    Then the orbit and its monodromy matrix are the same in both orders, as in a symmetric machine.
     """
     turned = reversed_order(problem, x, _NO_VALUES, i)
     if turned is None:
@@ -138,9 +140,9 @@ def commute(problem: Any, x: Array, i: int) -> bool:
 
 
 def ordered(problem: Any, x: Array, way: float) -> tuple[Any, Array]:
-    """The same motion where events that happen at once have the order beyond: see `parted`.
+    """Return the same motion with simultaneous events in their order beyond: see `parted`.
 
-    As it is where its order is that on one of the two sides.
+    It is unchanged if its order already is the order on one of the two sides.
     """
     s = problem.at(x, problem.values)
     if not (runs := _runs(s)):
@@ -157,9 +159,9 @@ def ordered(problem: Any, x: Array, way: float) -> tuple[Any, Array]:
 
 
 def _in_order(problem: Any, s: Any, orders: list[list[int]]) -> tuple[list[Any], set[int]]:
-    """The stations of an itinerary, those of runs in these orders; and which have another place.
+    """Return the stations of an itinerary with its runs in given orders, and the places changed.
 
-    A run of which there is no such order stays as it is.
+    A run of events that cannot have the given order stays as it is.
     """
     own, moved = problem._stations(s), set[int]()
     stations = own.copy()
@@ -172,7 +174,7 @@ def _in_order(problem: Any, s: Any, orders: list[list[int]]) -> tuple[list[Any],
 
 
 def _runs(s: Any) -> list[list[int]]:
-    """Numbers of events that happen at once, each run in turn."""
+    """Numbers of simultaneous events, as a list of runs."""
     n, near = s.events, abs(s.durations) <= SAME * s.period
     first = next((k + 1 for k in range(n) if not near[k]), 0)
     runs: list[list[int]] = []
@@ -184,7 +186,7 @@ def _runs(s: Any) -> list[list[int]]:
 
 
 def _events_in(problem: Any, s: Any, run: list[int], order: list[int]) -> list[Happening]:
-    """The events of a run in another order; empty where there is none."""
+    """Return the events of a run in another order; empty if this order is not possible."""
     events, mode = [s.itinerary[k] for k in run], s.itinerary[run[0]].mode
     own = [event.element for event in events]
     regimes = zip(events, own, strict=True)
@@ -196,7 +198,7 @@ def _events_in(problem: Any, s: Any, run: list[int], order: list[int]) -> list[H
     found, numbers = [], mode.numbers
 
     def changed(event: Happening, to: Regimes) -> tuple[int, ...]:
-        """The numbers, with the changes of those of an event."""
+        """The current regimes, changed as an event changes its own."""
         pairs = zip(numbers, event.mode.numbers, to.numbers, strict=True)
         return tuple(after if after != before else now for now, before, after in pairs)
 

@@ -1,4 +1,4 @@
-"""Whether the solution of an itinerary is a motion: simulation makes the same events."""
+"""Whether the solution of an itinerary is a motion: simulation finds the same events."""
 
 from __future__ import annotations
 
@@ -18,13 +18,13 @@ from dynkit.systems.impact.simulation.state import TWO_PI, Motion, beside, place
 from dynkit.systems.impact.simulation.trajectory import Trajectory
 
 _MOST = 4096
-"""Impacts within which a time passes."""
+"""Limit of the number of impacts in a simulation of given duration."""
 
 _OPENS = 1e-3
-"""Part of a period after which a gap that opens is more than rounding."""
+"""Fraction of a period after which an opening gap is larger than rounding."""
 
 _BETWEEN = 64
-"""Switches, for each of them, without an impact, within which it passes."""
+"""Largest number of switches per impact in such a simulation."""
 
 
 def simulated(
@@ -36,7 +36,7 @@ def simulated(
     most: int = _MOST,
     machine: Any = None,
 ) -> Seen:
-    """The events of a motion from a state on, for some time, of about so many impacts."""
+    """Return the events of the motion from a state for some time; `count` guesses the impacts."""
     run = run_for(system, start, length, count, most)
     seen = events_seen(system, run, named, length, machine)
     return seen.part(0, int(np.searchsorted(seen.times, length)))
@@ -45,7 +45,7 @@ def simulated(
 def run_for(
     system: Any, start: Any, length: float, count: int = 4, most: int = _MOST
 ) -> Trajectory:
-    """A motion for some time at least, where it goes on, and within which it is not too busy."""
+    """Simulate a motion for a time at least, unless it ends before or has too many events."""
     while True:
         switches = _BETWEEN * count
         run: Trajectory = system._run(start, count, store=True, most_switches=switches)
@@ -69,7 +69,7 @@ def is_motion(s: Any) -> bool:
 
 
 def _comes_again(s: Any) -> bool:
-    """Whether simulation from amid its longest mode finds the events of a period."""
+    """Whether simulation from the middle of the longest mode finds the events of a period."""
     i = int(np.argmax(s.durations))
     times = np.asarray((s.event_phases - s.event_phases[0]) / s.clock)
     since = float(times[i] + 0.5 * s.durations[i])
@@ -94,24 +94,24 @@ def _comes_again(s: Any) -> bool:
 
 
 def _amid(s: Any, i: int, since: float) -> Any:
-    """The state after event `i`, that long after the first one."""
+    """The state at a time since the first event, in the mode after event `i`."""
     n = s.machine.size
     (z,) = s.passed(np.array([since]))
     phase = float(s.event_phases[0]) + s.clock * since if s.driven else 0.0
     closed = [k for k in s.following[i].mode.held if k < len(s.oscillator._stops)]
     whole = np.append(z, [np.sin(phase), np.cos(phase), 1.0])
-    z = laid(s.flights(s.following[i].mode), closed, whole)[0][:-3]  # not off them by rounding
-    sliders = placed(s.oscillator, z[:n], z[2 * n :])[n:]  # nor these too far behind
+    z = laid(s.flights(s.following[i].mode), closed, whole)[0][:-3]  # exactly on closed stops
+    sliders = placed(s.oscillator, z[:n], z[2 * n :])[n:]  # within the range of their springs
     return s.oscillator.state(z[:n], z[n : 2 * n], phase % TWO_PI, sliders)
 
 
 def _without_order(
     times: Array, events: Sequence[Happening], within: float, sliders: Sequence[int]
 ) -> list[tuple[float, Happening]]:
-    """Times and events, those at once by their elements and in the mode before.
+    """Times and events, with simultaneous events sorted by elements and in the mode before them.
 
-    Their order is rounding. So is whether a slider yields, which then sticks again at once: where
-    it was left by an impact, it yields at the very place of the stop.
+    The order of simultaneous events is decided by rounding. So is whether a slider yields and
+    sticks again at once, as it may when an impact left it at its limit: such events are left out.
     """
     groups: list[list[tuple[float, Happening]]] = []
     late = np.diff(times, prepend=-np.inf) > within
@@ -129,10 +129,11 @@ def _without_order(
 
 
 def _is_released(s: Any, node: int) -> bool:
-    """Whether simulation from a release makes the same events until the next one.
+    """Whether simulation from a release finds the same events until the next node.
 
-    How many impacts of a chatter are events is a choice. Where stops open at once it begins a
-    little later: their gaps are so small at first that rounding may make impacts of them.
+    All bounces of a simulated chatter are accepted, whatever number of them are events. If several
+    stops open simultaneously, simulation begins a little later: their gaps are so small at first
+    that rounding may cause impacts.
     """
     begin = s.course.nodes[node]
     end = (*s.course.nodes, s.events)[node + 1]
@@ -148,13 +149,13 @@ def _is_released(s: Any, node: int) -> bool:
     count = 4 + len(due) + sum(chatter.run.impacts for chatter in s.chatters.values())
     until = float(due[-1]) + within
     seen = simulated(s.oscillator, start, until, False, count, count, s.machine)
-    # which slider slips at a release is rounding
+    # rounding decides which slider slips at a release
     opens = within if s.machine.sliders else 0.0
     begun = int(np.searchsorted(seen.times, min(opens, float(due[0]) - within)))
     found = iter(zip(seen.times[begun:], seen.events[begun:], strict=True))
     for i, at in enumerate(due, begin + 1):
         if at <= within and i in s.course.nodes:
-            return True  # it is released, too
+            return True  # another stop is released at the same time
         wanted = s.itinerary[i % s.events]
         time, event = next(found, (np.inf, wanted))
         if not _same(event, wanted, len(s.oscillator._stops)) or abs(time - at) > within:
@@ -168,10 +169,11 @@ def _is_released(s: Any, node: int) -> bool:
 
 
 def _same(a: Happening, b: Happening, stops: int) -> bool:
-    """Whether the same happens in the same mode.
+    """Whether two events are the same, in the same mode.
 
-    Sliders of one row halt at once, and any of them may be the one that is seen. What follows, the
-    next mode, tells. So does what a mass does that lies on an open stop: a start does not say it.
+    Of events that are no impacts only the modes are compared: sliders of one row halt
+    simultaneously, and any of them may be the one found. A hard stop may be open in one mode and
+    `LAIN` in the other, since a start does not contain this difference.
     """
     modes = zip(a.mode.numbers, b.mode.numbers, strict=True)
     for k, (one, other) in enumerate(modes):

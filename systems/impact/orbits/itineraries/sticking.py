@@ -30,23 +30,23 @@ if TYPE_CHECKING:
     from dynkit.systems.impact.orbits.itineraries.equations import ItineraryEquations
 
 STARTS = 8
-"""Motions that a search starts from, for each stop."""
+"""Number of motions from which a search starts, for each stop."""
 
 RELEASES = 4
-"""Releases of each of them from which an orbit is sought."""
+"""Number of releases of each motion from which an orbit is sought."""
 
 _MOST = 4096
-"""Impacts within which releases are sought."""
+"""Number of impacts within which releases are sought."""
 
 Guess = tuple["ItineraryEquations", Array]
 """Equations, and a guess of their unknowns."""
 
 
 def sticking_guesses(oscillator: ImpactMap, periods: int) -> Iterator[Guess]:
-    """From the releases of some motions, always the same.
+    """Guesses from the releases of some motions, the same in each call.
 
-    Of what was at rest on a stop, of random motions in contact, and of the motion from a start at
-    the machine's own length after 1000 impacts.
+    The motions are the steady ones in contact with a stop, random ones in contact, and the motion
+    from a start at the machine's own length after 1000 impacts.
 
     Raises
     ------
@@ -60,12 +60,12 @@ def sticking_guesses(oscillator: ImpactMap, periods: int) -> Iterator[Guess]:
 
 
 def sticking_guess(system: ImpactMap, state: ImpactState, periods: int) -> Guess:
-    """From the first release of the motion from a state.
+    """Return the guess from the first release of the motion from a state.
 
     Raises
     ------
     ValueError
-        When it does not stick, or not some periods later.
+        When no stop releases the motion, or none releases it again some periods later.
     """
     for guess in released(system, state, periods, 1):
         return guess
@@ -76,7 +76,7 @@ def sticking_guess(system: ImpactMap, state: ImpactState, periods: int) -> Guess
 
 
 def released(system: ImpactMap, state: ImpactState, periods: int, most: int) -> Iterator[Guess]:
-    """From the first releases of a motion that come again some periods later."""
+    """Guesses from the first releases of a motion that occur again some periods later."""
     turn, count, state = TWO_PI / system.frequency, 64, without_shift(state)
     length = periods * turn
     while True:
@@ -96,9 +96,9 @@ def released(system: ImpactMap, state: ImpactState, periods: int, most: int) -> 
 
 
 def _starts(oscillator: ImpactMap) -> Iterator[ImpactState]:
-    """Releases of steady and of random motions in contact with a stop; a state after a while.
+    """Releases of steady and random motions in contact, and a state after a transient.
 
-    Without closed forms they are the ends of simulated motions that stick.
+    If a table is not the only element, they are the ends of simulated motions that stick.
     """
     if not oscillator._table_alone:
         motions = simulated_motions(oscillator)
@@ -125,7 +125,7 @@ def _starts(oscillator: ImpactMap) -> Iterator[ImpactState]:
 
 
 def _steady(m: Machine, side: int) -> Array:
-    """Positions and velocities (2N, 3) of the steady motion in contact, by sine, cosine and one."""
+    """Steady motion in contact: coefficients (2N, 3) of sine, cosine and one."""
     d, flow, gap = 2 * m.size, m.flow(m.closed(side)), m.gap(side)
     inner, given, w = flow[:d, :d], flow[:d, d:], float(m.frequency)
     turned = np.block([[inner, w * np.eye(d)], [-w * np.eye(d), inner]])

@@ -1,1 +1,1 @@
-"""Orbits whose flights are all in one mode: equations by the periodic responses to impulses."""
+"""Orbits in one mode; the equations follow from the periodic responses to all impulses."""

@@ -1,4 +1,4 @@
-"""Newton's method along a parameter of the table, for impacts of one mode."""
+"""Newton's method with a parameter of the table as an unknown, for impacts of one mode."""
 
 from __future__ import annotations
 
@@ -23,21 +23,21 @@ _RANGES = {
     "offset": (-math.inf, math.inf),
     "play": _POSITIVE,
 }
-"""Of the parameters that are `EXACT`."""
+"""Ranges of the parameters that are `EXACT`."""
 
 _MOST = 20
-"""Impacts: LAPACK solves for more of them in less time."""
+"""Largest number of impacts for the kernel: for more, LAPACK solves the equations faster."""
 
 
 @final
 class TableCorrector:
-    """Takes all steps of a correction in one kernel.
+    """A corrector that takes all steps of Newton's method in one kernel.
 
     Parameters
     ----------
     windows : Windows
     clock, numbers : (2,), (2, e, 4)
-        Frequency of the phase and numbers of the table, linear in the parameter.
+        Frequency of the phase and numbers of the table: constant part, and factor of the parameter.
     within : (float, float)
         Range of the parameter.
     turn : float
@@ -83,7 +83,7 @@ class TableCorrector:
     def __call__(
         self, guess: Array, scale: Array, row: Array, level: float, steps: int, halvings: int
     ) -> Correction | None:
-        """Return what `dynkit.orbits.newton.correct` returns; None unless it converges."""
+        """Return the result of `dynkit.orbits.newton.correct`; None unless it converges."""
         from dynkit.systems.impact.orbits.itineraries.one_mode.correction_kernels import correct
 
         y, history, tangent = guess.copy(), np.empty(steps + 1), np.empty(len(guess))
@@ -97,7 +97,7 @@ class TableCorrector:
 
 
 def corrector_of(problem: Any) -> TableCorrector | None:
-    """The corrector of itineraries with one free parameter; None where it does not apply."""
+    """Return the corrector of a problem with one free parameter; None where it does not apply."""
     sides, names = problem.sides, problem.names
     if not (problem.responds and len(names) == 1 and problem.plain and len(sides) <= _MOST):
         return None

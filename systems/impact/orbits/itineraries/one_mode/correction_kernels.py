@@ -1,4 +1,4 @@
-"""Newton's method along a parameter of the table, for impacts of one mode, in one kernel."""
+"""Kernel of Newton's method with a parameter of the table, for impacts of one mode."""
 
 from __future__ import annotations
 
@@ -16,18 +16,18 @@ from dynkit.systems.impact.orbits.itineraries.one_mode.response_kernels import A
 
 
 class Family(NamedTuple):
-    """Impacts of one mode with one parameter p, in which the numbers of the table are linear.
+    """Impacts of one mode with one parameter p; the numbers of the table are linear in p.
 
     Attributes
     ----------
-    low, high : least and greatest p
-    clock : (2,) the frequency of the phase, 1 and p times these
-    numbers : (2, e, 4) the same of the numbers of `assemble`
+    low, high : smallest and largest p
+    clock : (2,) constant part, and factor of p, of the frequency of the phase
+    numbers : (2, e, 4) constant parts, and factors of p, of the numbers of `assemble`
     turn : phase of a period
-    sides : (n,) of which stop each impact is
+    sides : (n,) the number of the stop of each impact
     alone : slots of the modes, which have no links
     kicks, rows : (e, 2, slots), (e, 4, 2 slots) as in `Windows`
-    units : (2n,) what the equations are measured in
+    units : (2n,) units of the equations
     """
 
     low: float
@@ -70,7 +70,7 @@ class Buffers(NamedTuple):
 
 @kernel()
 def _evaluate(ladder: Ladder, work: Workspace, family: Family, y: Array, b: Buffers) -> float:
-    """Compute the equations at y; their largest modulus, -1 where they are not defined."""
+    """Compute the residual at y; return its largest modulus, or -1 where it is not defined."""
     n, p = len(family.sides), y[y.shape[0] - 1]
     if not family.low <= p <= family.high:
         return -1.0
@@ -109,7 +109,7 @@ def _evaluate(ladder: Ladder, work: Workspace, family: Family, y: Array, b: Buff
 
 @kernel()
 def _fill(family: Family, y: Array, scale: Array, row: Array, b: Buffers) -> None:
-    """Fill the bordered derivative in scaled unknowns, and its two right sides."""
+    """Fill the bordered Jacobian in scaled unknowns, and its two right-hand sides."""
     n = len(family.sides)
     q = 2 * n + 1
     p = y[q - 1]
@@ -135,7 +135,7 @@ def _fill(family: Family, y: Array, scale: Array, row: Array, b: Buffers) -> Non
 
 @kernel()
 def solve(matrix: Array, targets: Array) -> float:
-    """Solve by Gauss' elimination with row exchanges; both are modified in place.
+    """Solve by Gaussian elimination with row exchanges; both arrays are modified in place.
 
     Returns the sign of the determinant; zero where the matrix is singular.
     """
@@ -194,13 +194,13 @@ def correct(
     Parameters
     ----------
     ladder, work
-        of the free motion; buffers, modified in place
+        propagators and buffers of the free motion; buffers are modified in place
     y
         (2n + 1,) the guess, modified in place: phases, impulses and the parameter
     scale, row
         (2n + 1,)
     level, acceptable, short, halvings
-        as there; after a last step shorter than `short` the direction is not computed again
+        as in `newton.correct`; after a last step below `short` the direction is not recomputed
     history
         (steps + 1,) modified in place: the largest residuals
     tangent
@@ -220,7 +220,7 @@ def correct(
             return 0, 0.0
         if size <= level and moved < short:
             break
-        # at the solution as well, for the direction there
+        # also at the solution, for the direction of the curve
         _fill(family, y, scale, row, b)
         turn = solve(b.matrix, b.targets)
         if turn == 0.0:

@@ -1,4 +1,4 @@
-"""Floquet multipliers of periodic impact motions."""
+"""Floquet multipliers of periodic motions with impacts of one mode."""
 
 from __future__ import annotations
 
@@ -19,19 +19,20 @@ if TYPE_CHECKING:
     )
 
 LARGE = 50
-"""From so many coordinates on, the multipliers are found without a matrix of all of them."""
+"""Least number of coordinates for multipliers from a secular equation, without a full matrix."""
 
 FEW = 4
-"""Only for orbits of at most so many impacts, whose jumps are of low rank together."""
+"""Largest number of impacts for this: the rank of all saltations together must be small."""
 
 _STEPS, _TOLERANCE, _AGREEMENT = 100, 1e-14, 1e-9
+"""Of the iteration: largest number of steps, relative last step, relative error of the trace."""
 
 
 def multipliers(solution: ResponseSolution) -> Any:
     """Floquet multipliers (2N,), complex, the largest modulus first."""
     slots = solution.mode.layout.modes
     if not solution.impulses.all():
-        # An impact that only grazes stretches without bound.
+        # The derivative of a grazing impact is infinite.
         found = np.zeros(2 * len(slots), dtype=complex)
         found[0] = np.inf
         return found
@@ -44,10 +45,10 @@ def multipliers(solution: ResponseSolution) -> Any:
 
 
 def factors(solution: ResponseSolution) -> tuple[Array, Array] | None:
-    """Matrices (n, 2N, 2N) from each impact to the next, and their rounding; see `Problem.factors`.
+    """Matrices (n, 2N, 2N) from each impact to the next, and their rounding errors.
 
-    None where an impact only grazes. Entries are rounded, and flights, of which they are functions,
-    last as long as a period that is rounded.
+    None where an impact only grazes. The errors are those of the entries, and those due to the
+    rounded period. See `Problem.factors`.
     """
     if not solution.impulses.all():
         return None
@@ -63,7 +64,7 @@ def factors(solution: ResponseSolution) -> tuple[Array, Array] | None:
 
 
 def monodromy_from(solution: ResponseSolution, i: int) -> Array:
-    """Matrix (2N, 2N) from just before impact `i`, as they come in time, to a period later."""
+    """Monodromy matrix (2N, 2N) of one period, from just before impact `i` in the order of time."""
     slots = solution.mode.layout.modes
     flights, *jumps = _passages(solution)
     found = np.eye(2 * len(slots))
@@ -77,7 +78,7 @@ def _norms(matrices: Array) -> Array:
 
 
 def _struck(solution: ResponseSolution, matrices: Array, sides: Any, numbers: Array) -> Array:
-    """Matrices (n, 2N, 2N) of flights, and of the impact after each."""
+    """Matrices (n, 2N, 2N) of flights, each with the impact that ends it."""
     from dynkit.systems.impact.variational.tangent_kernels import strike
 
     frames = np.ascontiguousarray(matrices.transpose(0, 2, 1))
@@ -86,9 +87,9 @@ def _struck(solution: ResponseSolution, matrices: Array, sides: Any, numbers: Ar
 
 
 def _passages(solution: ResponseSolution) -> tuple[Transitions, Any, Array]:
-    """Flights after each impact in turn; stops (n,) of the impacts that end them, and `saltation`.
+    """Flights after each impact in order, stops (n,) of the impacts that end them, saltations.
 
-    The numbers of the saltation are (n, 2).
+    The numbers of the saltations are (n, 2): see `saltation`.
     """
     windows, order = solution.windows, np.argsort(solution.event_phases, kind="stable")
     one = len(order) == 1
@@ -101,7 +102,7 @@ def _passages(solution: ResponseSolution) -> tuple[Transitions, Any, Array]:
 
 
 def _jumps(windows: Windows, sides: Any, numbers: Array) -> list[tuple[Array, Array]]:
-    """U and V, both (2, slots, 2), with 1 + U V' the effect of an impact on the free state."""
+    """U and V, both (2, slots, 2); 1 + U V' is the saltation matrix of each impact."""
     jumps = []
     for side, (p, q) in zip(sides.tolist(), numbers.tolist(), strict=True):
         place, speed = windows.rows[side, :2].reshape(2, 2, -1)
@@ -111,10 +112,10 @@ def _jumps(windows: Windows, sides: Any, numbers: Array) -> list[tuple[Array, Ar
 
 
 def _secular(flights: Transitions, jumps: list[tuple[Array, Array]]) -> Any | None:
-    """Eigenvalues of the product as roots of its secular equation; None where that fails.
+    """Eigenvalues of the monodromy matrix as roots of its secular equation; None if this fails.
 
-    The product is D + U V' with D of 2 by 2 blocks and U, V of rank 2n. The sum of the roots is
-    compared with the trace.
+    The matrix is D + U V' with D of 2 by 2 blocks and U, V of rank 2n. The sum of the roots must
+    agree with the trace.
     """
     from dynkit.systems.impact.orbits.itineraries.one_mode.secular_kernels import simultaneous_roots
 
@@ -162,7 +163,7 @@ def _secular(flights: Transitions, jumps: list[tuple[Array, Array]]) -> Any | No
 
 
 def _guesses(halves: Array, spreads: Array) -> Any:
-    """Eigenvalues half +- sqrt(spread) of blocks, moved a little apart."""
+    """Eigenvalues half +- sqrt(spread) of the blocks, slightly shifted so that all are distinct."""
     root = np.sqrt(spreads + 0j)
     guesses = np.concatenate([halves + root, halves - root])
     random = np.random.default_rng(0)

@@ -1,4 +1,4 @@
-"""Whether an orbit of one mode is a motion: no impact is missing in its flights."""
+"""Whether an orbit of one mode is a motion: whether no impact is missing in its flights."""
 
 from __future__ import annotations
 
@@ -17,7 +17,8 @@ if TYPE_CHECKING:
 def flights_are_open(s: ResponseSolution) -> bool:
     """Whether no impact is missing.
 
-    Proved, but where a gap only nearly closes: there simulation from just after each impact tells.
+    This is proved by bounds of the gaps. Where a gap nearly closes and the proof fails, simulation
+    from just after each impact decides.
     """
     if s.watched.closed.any():
         return False
@@ -28,10 +29,10 @@ def flights_are_open(s: ResponseSolution) -> bool:
     at_once = [s.lasts[i] <= s.least_apart(i, size) * s.period for i in range(s.events)]
     for i, state in enumerate(s.section_states):
         if at_once[i]:
-            continue  # which one is hit first is rounding
+            continue  # the order of simultaneous impacts is decided by rounding
         try:
             run = system._run(system.impact_state(state), 1, store=True)
-        except NoMotion:  # at a grazing another gap is zero, or negative by rounding
+        except NoMotion:  # at a grazing impact another gap is zero, or negative by rounding
             return False
         ends = [s.ends(i)[1]]
         while at_once[ends[-1]] and len(ends) < s.events:
@@ -42,13 +43,13 @@ def flights_are_open(s: ResponseSolution) -> bool:
 
 
 def follows(run: Trajectory, times: Array, sides: Sequence[int], within: float) -> bool:
-    """Whether a simulated run makes the same impacts, without contact.
+    """Whether a simulated run has the same impacts, and no contact.
 
     Parameters
     ----------
     times, sides : (n,)
     within : float
-        How much times may differ.
+        Largest difference of times.
     """
     n = len(times)
     if run.impacts < n or run.sides[1 : n + 1].tolist() != list(sides) or len(run.contacts):

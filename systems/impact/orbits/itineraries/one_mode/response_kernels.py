@@ -1,4 +1,4 @@
-"""Equations of impacts of one mode, and their derivative, from the responses to all impulses."""
+"""Equations of impacts of one mode, and their Jacobian, from the responses to all impulses."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from dynkit.systems.impact.modes.transition_kernels import fly_start
 
 @kernel()
 def _flown(ladder: Ladder, given: Array, k: int, time: float, states: Array) -> int:
-    """Fly one of the given states, and return the number of the result among the states."""
+    """Propagate given state `k` for a time; return the index of the result in `states`."""
     for i in range(given.shape[2]):
         states[START, 0, i], states[START, 1, i] = given[k, 0, i], given[k, 1, i]
     if time == 0.0:
@@ -36,20 +36,21 @@ def _product(rows: Array, side: int, order: int, states: Array, k: int) -> float
 
 
 class Assembled(NamedTuple):
-    """What follows from n impulses that repeat after a period.
+    """Responses to n impulses that repeat after a period, and the equations of the impacts.
 
     Attributes
     ----------
-    since, turns : (n, n) time from an impulse, a column, to an impact, a row, and how many periods
-        later the impulse is taken: -1 where it comes later in the period
-    lasts, following : (n,) time from each impact to the one that comes next, and its number
-    spread : (n, n, 2, slots) states at the impacts, rows, after unit impulses, columns
+    since, turns : (n, n) time from an impulse (column) to an impact (row), and the number of
+        periods between their phases: -1 where the impulse is later in the period
+    lasts, following : (n,) time from each impact to the next in time, and its number
+    spread : (n, n, 2, slots) states at the impacts (rows) after unit impulses (columns)
     responses : (4, n, n) gaps and derivatives after unit impulses
-    steady, gaps : (3, n) of the steady response, and in the whole motion, just after the impacts
-    left, jacobian : (2n,), (2n, 2n) equations, gaps and laws, and their derivative by phases and
-        impulses
-    by_frequency : (2n,) their derivative by the clock, where amplitudes of the steady response do
-        not change
+    steady, gaps : (3, n) gaps and two derivatives, in the steady response and in the whole motion,
+        just after the impacts
+    left, jacobian : (2n,), (2n, 2n) residual of gaps and impact laws, and its derivative by phases
+        and impulses
+    by_frequency : (2n,) derivative of the residual by the clock, with constant amplitudes of the
+        steady response
     """
 
     since: Array
@@ -66,7 +67,7 @@ class Assembled(NamedTuple):
 
     @classmethod
     def of(cls, n: int, shape: tuple[int, ...]) -> Assembled:
-        """Arrays for n impacts and states of a shape, with any content."""
+        """Uninitialized arrays for n impacts and states of a shape."""
         e, empty = 2 * n, np.empty
         times = empty((n, n)), empty((n, n)), empty(n), empty(n, np.intp)
         responses = empty((n, n, *shape)), empty((4, n, n)), empty((3, n)), empty((3, n))
@@ -88,21 +89,22 @@ def assemble(
     turn: float,
     out: Assembled,
 ) -> None:
-    """Fill what follows from n impulses that repeat after a period, in place.
+    """Compute responses and equations of n impulses that repeat after a period, in place.
 
     Parameters
     ----------
     ladder, work
-        of the free motion; buffers, modified in place
+        propagators and buffers of the free motion; buffers are modified in place
     rows
-        (e, 4, 2 slots) products with a state: the gap of a stop, and three derivatives
+        (e, 4, 2 slots) products with a state are the gap of a stop, and three derivatives
     kicked, moved
-        (e, 2, slots) states just after a unit impulse of each period, and their derivative by the
+        (e, 2, slots) states just after a unit impulse per period, and their derivative by the
         period
     sides
-        (n,) of which stop each impact is
+        (n,) the number of the stop of each impact
     numbers
-        (e, 4) of each stop: steady gap by sine and cosine of the phase, and at rest; restitution
+        (e, 4) for each stop: coefficients of sine and cosine of the phase in the steady gap, its
+        mean, and restitution
     phases, impulses
         (n,)
     clock, turn
@@ -124,8 +126,8 @@ def assemble(
     for i in range(n):
         side = sides[i]
         for j in range(n):
-            # an impulse that comes later in the period, or at once and next, is that of the one
-            # before
+            # an impulse later in the period is that of the period before; so is a simultaneous one
+            # with a larger number
             apart = phases[i] - phases[j]
             turns = math.floor(apart / turn)
             if i < j and apart == turns * turn:
@@ -152,7 +154,7 @@ def assemble(
         out.left[n + i] = gaps[1, i] - back * impulses[i]
         for order in range(2):
             row = order * n + i
-            # its own impulse moves along with an impact
+            # the impulse of an impact moves with the impact's phase
             own = gaps[order + 1, i]
             for j in range(n):
                 part = impulses[j] * responses[order + 1, i, j]
@@ -199,7 +201,8 @@ def follow_gap(
 ) -> None:
     """Compute the gap of a stop and its derivatives, (orders, k), at times (k,) after an impact.
 
-    `out` and `work` are modified in place; the start is (1, 2, slots), the others as in `assemble`.
+    `out` and `work` are modified in place. `start` is (1, 2, slots); the other parameters are those
+    of `assemble`.
     """
     states, a, b = work.states, numbers[side, 0], numbers[side, 1]
     for m in range(len(times)):

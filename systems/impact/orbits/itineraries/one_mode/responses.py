@@ -1,4 +1,4 @@
-"""Motions of one mode between impacts: by the periodic responses to all impulses."""
+"""Motions of one mode between impacts, as sums of the periodic responses to all impulses."""
 
 from __future__ import annotations
 
@@ -29,13 +29,13 @@ if TYPE_CHECKING:
 
 @final
 class Windows:
-    """The gaps of all stops in the free motion, which they share, and what impulses do there.
+    """The gaps of all stops in their common free motion, and the effects of impulses.
 
     Attributes
     ----------
     motion : FreeMotion
     rows : (e, 4, 2 slots)
-        Products with a state are the gap of a stop and its first three derivatives.
+        Their products with a state are the gap of a stop and its first three derivatives.
     kicks : (e, 2, slots)
         Change of the state by an impulse that changes the rate of the gap by one.
     pushes : (e, 2, slots, 2)
@@ -45,7 +45,8 @@ class Windows:
     vectors : (e, 4, 2N)
         Kick, its rate of change, and rows of the gap and of its rate, of the modes.
     bounds : (e, 4, 2, slots)
-        Weights of abs(state) that bound the gap, and its derivatives of order 1, 2 and 6, for ever.
+        Weights of abs(state) that bound the gap and its derivatives of order 1, 2 and 6, at all
+        later times.
     """
 
     def __init__(self, contacts: tuple[Contact, ...], signs: tuple[int, ...]) -> None:
@@ -68,14 +69,15 @@ class Windows:
         self._returns: list[tuple[float, tuple[Transitions, Array, Array]]] = []
 
     def repeated(self, period: float) -> tuple[Transitions, Array, Array]:
-        """Transitions over a period, and states (e, 2, slots) just after an impulse per period.
+        """Transitions over a period, states (e, 2, slots) just after impulses, and a derivative.
 
-        And the derivative of these states by the period. Results for the last two periods are kept.
+        There is one unit impulse per period. The derivative is that of the states by the period.
+        Results for the last two periods are kept.
 
         Raises
         ------
         NoSolution
-            When the free motion has this period itself (resonance without damping).
+            When a free motion has this period (resonance without damping).
         """
         for known, found in self._returns:
             if known == period:
@@ -89,7 +91,7 @@ _windows: WeakKeyDictionary[Contact, dict[Any, Windows]] = WeakKeyDictionary()
 
 
 def windows_of(oscillator: Any) -> Windows:
-    """The gaps of all stops of an oscillator; kept with its structure."""
+    """Return the gaps of all stops of an oscillator; they are kept with its structure."""
     contacts = oscillator._contacts
     signs = tuple(stop.sign for stop in oscillator._stops)
     known = _windows.setdefault(contacts[0], {})
@@ -102,8 +104,8 @@ def windows_of(oscillator: Any) -> Windows:
 class Scene(NamedTuple):
     """Gaps in free motion and the steady response, at some parameters.
 
-    The oscillator has the structure, and may differ in the numbers of its table; the system, as a
-    function, is the one at these parameters.
+    `oscillator` has the same structure, but may have other numbers of its table. `system` is a
+    function that returns the oscillator at these parameters.
     """
 
     oscillator: Any
@@ -115,9 +117,9 @@ class Scene(NamedTuple):
 
 @final
 class ResponseSolution(ItinerarySolution):
-    """Impacts of one mode: its states follow from phases and impulses, as periodic responses.
+    """Impacts of one mode: all states follow from phases and impulses, as periodic responses.
 
-    The impacts need not be in order: each is followed by the one whose phase comes next.
+    The impacts need not be in order: the next impact is the one with the next phase.
 
     Parameters
     ----------
@@ -141,7 +143,7 @@ class ResponseSolution(ItinerarySolution):
 
     @cached_property
     def restitutions(self) -> Array:
-        """Of the stop of each impact, (n,)."""
+        """Coefficients of restitution (n,) of the impacts."""
         return np.asarray(self.terms.restitutions[self.sides])
 
     @cached_property
@@ -153,7 +155,7 @@ class ResponseSolution(ItinerarySolution):
 
     @cached_property
     def assembled(self) -> Assembled:
-        """Responses to all impulses, equations and their derivatives."""
+        """Responses to all impulses, residual and Jacobian of the equations."""
         from dynkit.systems.impact.orbits.itineraries.one_mode.response_kernels import (
             Assembled,
             assemble,
@@ -166,7 +168,7 @@ class ResponseSolution(ItinerarySolution):
         return out
 
     def _disturbed(self, multiplier: complex) -> Any:
-        """The same, (3, n, n), where impulses are multiplied from one period to the next."""
+        """Responses (3, n, n) if impulses are multiplied from one period to the next."""
         from dynkit.systems.impact.orbits.itineraries.one_mode.response_kernels import respond
 
         n, kept = len(self.sides), (self.mode.propagators.ladder, self.mode.work)
@@ -187,16 +189,16 @@ class ResponseSolution(ItinerarySolution):
 
     @property
     def left(self) -> Array:
-        """What is left of the equations, (m,)."""
+        """Residual (m,) of the equations."""
         return self.assembled.left
 
     def jacobian(self, multiplier: complex) -> Any:
-        """Their derivative D(multiplier), (m, m)."""
+        """Jacobian D(multiplier), (m, m), of the equations."""
         if multiplier == 1.0:
             return self.assembled.jacobian
         n, back = len(self.sides), self._disturbed(multiplier) - self.assembled.responses[:3]
         out = self.assembled.jacobian.astype(np.result_type(back, multiplier))
-        # Only impulses of other periods are multiplied.
+        # The multiplier applies to impulses of other periods only.
         rows = out.reshape(2, n, 2 * n)
         rows[..., :n] -= self.impulses * back[1:] / self.clock
         rows[..., n:] += back[:2]
@@ -204,11 +206,11 @@ class ResponseSolution(ItinerarySolution):
 
     @property
     def rounding(self) -> Array:
-        """Responses grow, and cancel, on the way."""
+        """Rounding errors (m,) of the residual."""
         return np.concatenate([self._rounding(0), self._rounding(1)])
 
     def _rounding(self, order: int) -> Array:
-        """What rounding may make of `gaps`, (n,)."""
+        """Rounding errors (n,) of `gaps`, of one order of derivative."""
         steady = self.clock**order * abs(self.terms.drives[self.sides])
         if order == 0:
             steady = steady + abs(self.assembled.steady[0]).max()
@@ -218,11 +220,11 @@ class ResponseSolution(ItinerarySolution):
 
     @cached_property
     def state_rounding(self) -> Array:
-        """What rounding may make of the free states, (n, 2 slots).
+        """Rounding errors (n, 2 slots) of the free states.
 
-        Their numbers are rounded, and grow in the periodic response; so are the times in which
-        they change: the period T, with (1 - E)^-1 E times the rate of change for each part of the
-        state (E the transition over T), and the times since the other impacts.
+        Rounding errors of their components grow in the periodic response. Those of times add to
+        them: of the period T, by (1 - E)^-1 E times the rate of each part of the state, where E is
+        the transition matrix over T; and of the times since the other impacts.
         """
         n, slots = len(self.sides), self.kicked.shape[-1]
         grown = self.transition.amplification(slots)
@@ -235,11 +237,11 @@ class ResponseSolution(ItinerarySolution):
 
     @property
     def turned(self) -> float:
-        """How often more than other numbers phases are rounded."""
+        """Factor by which rounding errors of phases exceed the relative rounding error."""
         return float(1.0 + abs(self.event_phases).max())
 
     def change(self, change: tuple[Array, Numbers]) -> Array | None:
-        """Their derivative (m,) by a change of all numbers; None where it is not known."""
+        """Derivative (m,) of the residual by a change of all numbers; None if not available."""
         oscillator, r = self.oscillator, self.restitutions
         whole, by = change
         if by.clock_alone and not self.terms.shape.any():
@@ -265,7 +267,7 @@ class ResponseSolution(ItinerarySolution):
 
     @property
     def lasts(self) -> Array:
-        """Times (n,) from each impact to the one that comes next."""
+        """Times (n,) from each impact to the next one in time."""
         return self.assembled.lasts
 
     def ends(self, i: int) -> tuple[int, int]:
@@ -296,11 +298,11 @@ class ResponseSolution(ItinerarySolution):
         velocity = free.velocities(q) + t.frequency * (t.shape * turn).real
         return np.concatenate([position, velocity], axis=1)
 
-    # --- what is watched --------------------------------------------------------------------------
+    # --- gaps in flight ---------------------------------------------------------------------------
 
     @cached_property
     def watched(self) -> Watched:
-        """What the gaps of all stops do in the flights."""
+        """Minima and bounds of the gaps of all stops in the flights."""
         from dynkit.systems.impact.orbits.flight_kernels import MOST
         from dynkit.systems.impact.orbits.itineraries.one_mode.watching_kernels import (
             Watched,
@@ -338,14 +340,14 @@ class ResponseSolution(ItinerarySolution):
 
 
 def _change(s: ResponseSolution, change: Array) -> Array:
-    """Derivative (2n,) of the equations by a change of all numbers, of the structure too."""
+    """Derivative (2n,) of the equations by a change of all numbers, including the structure's."""
     m = Machine(s.system(), change)
     flow, kicks = m.flow(m.free), [m.kick(m.free, side) for side in range(len(m.elements))]
     order = np.argsort(s.assembled.since[:, 0])
     lasts = s.lasts[order] * s.clock / m.frequency
     d = 2 * m.size
     first = s.event_phases[0]
-    # what becomes of all states just before the first impact, and of the phase
+    # tangent map from just before the first impact; the last column starts with the phase, 1
     moved = np.eye(d + 3, d + 1, dtype=complex)
     moved[d:, d] = np.sin(first), np.cos(first), 1.0
     before = []

@@ -21,14 +21,15 @@ def _logarithmic_derivative(
 ) -> complex:
     """Derivative of log det(D + U V' - z) by z = x + i y, with D of 2 by 2 blocks.
 
-    det(D + U V' - z) = det(D - z) det K, K = 1 + V' (D - z)^-1 U, of which `work` (2, r, r) takes K
-    and its derivative. The inverse of a block is its adjugate, linear in z, over its determinant,
-    whose real and imaginary part `poles` (4, n) takes, and those of its derivative.
+    det(D + U V' - z) = det(D - z) det K, K = 1 + V' (D - z)^-1 U. K and its derivative are stored
+    in `work` (2, r, r). The inverse of a block is its adjugate, linear in z, over its determinant.
+    Real and imaginary parts of the reciprocal determinants and their derivatives are stored in
+    `poles` (4, n).
     """
     rank, count = values.shape[0], halves.shape[0]
     total_x = total_y = 0.0
     for k in range(count):
-        # the determinant (z - half)^2 - spread, its derivative, and their quotients
+        # reciprocal of the determinant (z - half)^2 - spread, and its logarithmic derivative
         u = x - halves[k]
         p, q = u * u - y * y - spreads[k], 2.0 * u * y
         size = max(abs(p), abs(q))
@@ -116,21 +117,21 @@ def simultaneous_roots(
     poles: Array,
     work: Array,
 ) -> int:
-    """Move guesses x + i y of all eigenvalues to them, in place; return how many did not arrive.
+    """Iterate guesses x + i y of all eigenvalues, in place; return how many have not converged.
 
-    Ehrlich's and Aberth's iteration. A guess has arrived when it moves by less than `tolerance` of
-    itself or than `least`.
+    This is Ehrlich's and Aberth's iteration. A guess has converged when its step is below
+    `tolerance` times its modulus, or below `least`.
 
     Parameters
     ----------
     halves, spreads
-        (n,); half the trace of each block, and its square less the determinant
+        (n,); half the trace of each block, and the square of this minus the determinant
     values, slopes
-        (r, r, n); of V' adj(D - z) U, which is linear in -z, the parts of each block
+        (r, r, n); value at z = 0, and coefficient of -z, of each block's part of V' adj(D - z) U
     x, y
         (2 n,), distinct
     moving
-        (2 n,), true; false for those that have arrived
+        (2 n,), true at first; set to false for guesses that have converged
     poles, work
         (4, n), and (2, r, r) complex: scratch
 

@@ -1,4 +1,4 @@
-"""What drives the gaps of an impact oscillator in steady motion, and how it changes."""
+"""Steady response and gaps of an impact oscillator without impacts, and their derivatives."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ _NO_CHANGES: Mapping[str, float] = {}
 
 @final
 class Terms(NamedTuple):
-    """The steady response without impacts, the gaps of all stops in it, and the law of impacts.
+    """The steady response without impacts, the gaps of all stops in it, and the restitutions.
 
     The steady gap of stop e is Im(drives[e] exp(i phase)) + rests[e].
 
@@ -34,7 +34,7 @@ class Terms(NamedTuple):
         The steady response of all coordinates is Im(shape exp(i phase)) + still.
     drives, rests : (e,) complex, (e,)
     numbers : (e, 4)
-        Real and imaginary parts of drives, rests, and restitutions, as the kernel takes them.
+        Real and imaginary parts of drives, rests, and restitutions: an argument of the kernel.
     """
 
     frequency: float
@@ -46,7 +46,7 @@ class Terms(NamedTuple):
     numbers: Array
 
     def at(self, oscillator: DrivenStructure, changes: Mapping[str, float]) -> Self:
-        """The terms at other values of parameters of the table, that change nothing else.
+        """Return the terms at other values of some parameters of the table, all `EXACT`.
 
         Raises
         ------
@@ -60,9 +60,9 @@ class Terms(NamedTuple):
 
     @classmethod
     def of(cls, oscillator: DrivenStructure, changes: Mapping[str, float] = _NO_CHANGES) -> Self:
-        """The terms of an oscillator whose elements are hard stops.
+        """Return the terms of an oscillator whose elements are hard stops.
 
-        With other values of some parameters of its table, from `EXACT`, that change nothing else.
+        `changes` are other values of some parameters of its table, which must be `EXACT` ones.
 
         Raises
         ------
@@ -88,17 +88,14 @@ class Terms(NamedTuple):
         return cls(w, numbers[:, 3], shape, still, drives, rests, numbers)
 
     def gaps(self, sides: Any, turn: Any, orders: int) -> Array:
-        """Steady gaps (orders, n) of the given stops and their derivatives, at exp(i phase), (n,).
-
-        Derivatives are by time.
-        """
+        """Steady gaps of stops and their time derivatives, (orders, n), at exp(i phase), (n,)."""
         powers = (1j * self.frequency) ** np.arange(orders)
         out = np.asarray((powers[:, None] * (self.drives[sides] * turn)).imag)
         out[0] += self.rests[sides]
         return out
 
     def change(self, oscillator: DrivenStructure, by: Numbers) -> Terms:
-        """The derivative of the terms by a parameter that changes no mass, dashpot or spring."""
+        """Derivative of the terms by a parameter that changes no mass, dashpot or spring."""
         stops, n, w = oscillator._stops, oscillator._size, self.frequency
         harmonic, constant = by.forces[0] + 1j * by.forces[1], by.forces[2]
         if by.frequency and self.shape.any():

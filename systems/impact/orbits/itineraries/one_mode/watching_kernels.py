@@ -1,4 +1,4 @@
-"""What the gaps of all stops do in the flights between impacts of one mode."""
+"""Minima and bounds of the gaps of all stops in the flights between impacts of one mode."""
 
 from __future__ import annotations
 
@@ -22,23 +22,23 @@ from dynkit.systems.impact.orbits.flight_kernels import (
 from dynkit.systems.impact.orbits.itineraries.one_mode.response_kernels import follow_gap
 
 _ROUNDING = 64.0 * 2.0**-52
-"""Of a gap, relative to the sum of its absolute terms."""
+"""Rounding error of a gap, relative to the sum of its absolute terms."""
 
 
 class Watched(NamedTuple):
-    """Of the gap (n, e) of each stop in the flight after each impact.
+    """Numbers (n, e) of the gap of each of e stops in the flight after each of n impacts.
 
     Attributes
     ----------
-    size, bend : sums of the absolute terms of it, and of its second derivative
-    lowest, at : smallest of the minima inside, infinite where there is none, and its time
-    closed : whether it is negative somewhere by more than rounding
-    opened : whether it is proved to be positive
+    size, bend : sums of the absolute terms of the gap, and of its second derivative
+    lowest, at : smallest minimum inside, infinite if there is none, and its time
+    closed : whether the gap is negative somewhere by more than rounding
+    opened : whether the gap is proved to be positive
 
-    The proof: on each cell the quintic Hermite polynomial is wrong by at most h^6/46080 sup
-    |f^(6)|, or by 2 sup |f| + 2/5 h sup |f'| + h^2/20 sup |f''|, term by term; its Bernstein
-    coefficients have to exceed this. At the ends it is wrong in third order only, where the gap is
-    zero in first.
+    The proof: on each cell the error of the quintic Hermite polynomial is at most h^6/46080 sup
+    |f^(6)|, or 2 sup |f| + 2/5 h sup |f'| + h^2/20 sup |f''|, for each term of the gap. The
+    polynomial's Bernstein coefficients must exceed this error. The coefficient at an impact is left
+    out: there the gap vanishes in first order of time, and the polynomial's error in third order.
     """
 
     size: Array
@@ -80,7 +80,7 @@ def watch_gaps(
     buffer: Array,
     out: Watched,
 ) -> None:
-    """Fill what the gaps do; `out`, `work` and the buffer are modified in place.
+    """Compute the numbers of `Watched`; `out`, `work` and the buffer are modified in place.
 
     Parameters
     ----------
@@ -90,7 +90,7 @@ def watch_gaps(
         (e, 4, 2, slots) as in `Windows`
     starts, phases, lasts, following
         (n, 2, slots), (n,): states just after the impacts, their phases, times until the next
-        impact of all, and its number
+        impact with any stop, and its number
     buffer
         (22 (MOST + 1),) for times and values at the ends of cells, and minima
     """

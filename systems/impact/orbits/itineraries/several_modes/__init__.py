@@ -1,1 +1,1 @@
-"""Orbits through several modes: equations by passages from event to event."""
+"""Orbits through several modes; the equations follow from flights from event to event."""

@@ -1,4 +1,4 @@
-"""Chatter between an impact of an itinerary and contact: it is simulated, with its derivative."""
+"""Chatter between an impact of an itinerary and contact, simulated with its derivative."""
 
 from __future__ import annotations
 
@@ -25,14 +25,14 @@ from dynkit.systems.impact.simulation.state import Motion, beside, state_at, who
 from dynkit.systems.impact.simulation.trajectory import Trajectory, grouped
 
 CHUNK, TAYLOR_CHUNK, MOST = 128, 32, 8192
-"""Impacts of a chatter that are simulated at first, also by Taylor's method, and at most."""
+"""Impacts of a chatter simulated at first, those at first by Taylor's method, and their limit."""
 
 _NEARLY = 1e-3
-"""A chatter nearly completes where its slowest impact is so slow, beside the fastest of all."""
+"""A chatter nearly completes if its slowest impact has this part of the largest impulse or less."""
 
 
 class Steps(NamedTuple):
-    """What n flights, and the impacts that end them, make of changes of a state: see `carry`."""
+    """Derivatives of n flights and of the impacts that end them: arguments of `carry`."""
 
     flown: Array
     hits: Array
@@ -45,40 +45,41 @@ class Steps(NamedTuple):
 
 @final
 class Chatter:
-    """The impacts that follow one with a stop until contact with it begins, without that one.
+    """The impacts between an impact with a stop and the contact that follows.
 
-    Where the chatter does not complete, only just, it is cut where its impacts are slowest.
+    A chatter that nearly completes, but does not, is cut after its slowest impact.
 
     Parameters
     ----------
     oscillator : ImpactMap
     machine : Machine
-        Of it, real.
+        Real machine of the oscillator.
     event : Happening
-        The impact that it follows.
+        The impact before the chatter.
     flights : tuple of two
-        Those of the chatter, and of contact.
+        Flights of the chatter, and of contact.
     state : (D,)
-        Just after that impact, on the stop.
+        The state just after this impact, on the stop.
     fastest : float
         Largest change of velocity by an impact of the orbit.
     rebounds : bool
-        Whether that impact does; otherwise contact follows at once.
+        Whether this impact rebounds; otherwise contact follows at once.
 
     Attributes
     ----------
     run : Trajectory
         The impacts (n,), without contact.
     complete : bool
+        Whether contact follows without a cut.
     begin : (D,)
         State with which contact begins.
     start : (D,)
-        The state just after the impact before.
+        The state just after the impact before the chatter.
 
     Raises
     ------
     NoSolution
-        When contact does not follow, not even nearly.
+        When the chatter is neither complete nor nearly complete.
     """
 
     def __init__(
@@ -140,10 +141,10 @@ class Chatter:
         return replace(run.part(0, k), switches=run.switches.until(begun))
 
     def _lifts_off(self, run: Trajectory, after: Array) -> Any:
-        """Whether each flight before states (n, D) after impacts, (n,), leaves the chatter.
+        """Whether each flight, which ends at an impact with state `after` (n, D), ends the chatter.
 
-        It is longer than the one before, and nothing holds the mass down to its end. Without
-        rebound there is no chatter, and any flight leaves.
+        It does if it is longer than the one before and the gap's acceleration is positive at its
+        end, or if its impact is with another stop. Without rebound there is no chatter, and all do.
         """
         count = len(after)
         if not self.rebounds:
@@ -161,7 +162,7 @@ class Chatter:
 
     @cached_property
     def _flights_last(self) -> Array:
-        """Times (n,) from each impact to the next."""
+        """Durations (n,) of the flights that end at the impacts."""
         return np.diff(self.run.time, prepend=0.0)
 
     @cached_property
@@ -171,7 +172,7 @@ class Chatter:
 
     @cached_property
     def error(self) -> float:
-        """Largest change of a position or velocity by omission of bounces."""
+        """Largest change of a position or velocity by the omission of bounces."""
         system: Any = self.run.start._system
         run = system._run(self.run.start, self.run.impacts + 1, store=False)
         return float(run.chatter_error)
@@ -182,12 +183,12 @@ class Chatter:
         force, rate = self._held.force(self.element, self.begin)
         if self.complete or not self.rebounds:
             return force
-        # What is left of the velocity is about the square of the force that is missing.
+        # the velocity at the cut is proportional to the square of the missing force
         speed = float(self.run.speeds[-1])
         return -math.sqrt(speed * abs(rate))
 
     def _landed(self, held: Flights, state: Any) -> tuple[Any, Any]:
-        """The state (D,) in contact, put on the stop and caught, and its derivative (D, D)."""
+        """The state (D,) in contact, with gap and rate zero, and its derivative (D, D)."""
         put, by = held.begun(self._followed._replace(chatters=True), state)
         found, caught = held.begun(self._followed._replace(chatters=False), put)
         return found, caught @ by
@@ -197,18 +198,19 @@ class Chatter:
     ) -> tuple[Array, Array]:
         """Changes (D, k) of the state with which contact begins, and (k,) of the time until then.
 
-        An impact is where the gap is zero, so its time changes. Late in a chatter rates are far
-        below the rounding of velocities, and what a flight changes is far below that of states: the
-        rates that are known are taken, and the gap at the begin of each flight as zero.
+        The times of impacts change so that the gap stays zero. Late in a chatter, gap rates are far
+        below the rounding errors of velocities, and changes of the state in a flight are far below
+        those of states. So the rates are those of the simulation, and the gap at the begin of each
+        flight is exactly zero.
 
         Parameters
         ----------
         machine : Machine
-            With imaginary parts where its numbers change, too.
+            With imaginary parts where its numbers change.
         flights, held : Flights
-            Of the chatter, and of contact, with these changes.
+            Flights of the chatter, and of contact, with these imaginary parts.
         changes : (D, k)
-            Of the state just after the impact before, on the stop.
+            Changes of the state just after the impact before the chatter, on the stop.
         """
         late = np.zeros(changes.shape[1])
         if self.run.impacts:
@@ -222,7 +224,7 @@ class Chatter:
         return by @ changes + (landed.imag / STEP)[:, None], late
 
     def _steps(self, m: Machine, flights: Flights) -> Steps:
-        """See `Steps`; what depends on no changes of the numbers is kept."""
+        """See `Steps`; all that does not depend on changes of the numbers is kept."""
         moved, rates, steps, parts = self._kept or self._matrices(m, flights)
         self._kept = moved, rates, steps, parts
         if not m.changes:
@@ -250,7 +252,11 @@ class Chatter:
         return np.concatenate([self.start[None], after])[:-1]
 
     def _matrices(self, m: Machine, flights: Flights) -> tuple[Array, Array, Steps, list[Any]]:
-        """Those of `_steps`, and parts of them; of impacts with the same slip together."""
+        """Derivatives for `_steps`, without changes of numbers; `parts` group impacts of one slip.
+
+        Returns the changes of states in flights, the gap rates before impacts, the steps, and the
+        parts.
+        """
         k, since, parts = self.element, self._since(self.after), list[Any]()
         row = m.gap(k).real
         lasts = self._flights_last
@@ -267,7 +273,7 @@ class Chatter:
             rubs = tuple(zip(self._rub, own, strict=True))
             kick, stop = m.kick(self.flying, k, rubs).real, m.stopped(self.flying, rubs).real
             landed = self.after[i] - np.outer(jumps[i], kick)
-            if 0 in own:  # what the impact took is not in the state after it
+            if 0 in own:  # the slip before the impact does not follow from the state after it
                 landed = ends[i]
             slope = slopes[i]
             if (slope == slope[0]).all():  # one matrix for all impacts
@@ -284,14 +290,14 @@ class Chatter:
         return moved, rates, Steps(flown, hits, which, movings, delays, *none), parts
 
     def _rates(self, m: Machine, near: Array) -> Array:
-        """Rates (n,) of the gap before the impacts, from these to fewer digits."""
+        """Rates (n,) of the gap before the impacts; `near` are the same with fewer digits."""
         law: Any = getattr(m.elements[self.element], "restitution", None)
         if isinstance(law, ImpactLaw):
             return -law.approach(-near, self.run.log.speed)
         return np.asarray(-self.run.log.speed / float(m.restitution(self.element).real))
 
     def _ways(self, flights: Flights, before: Array, jumps: Array) -> NDArray[np.intp]:
-        """Signs (n, f) of slip at the impacts, by what these change: see `Rubs`."""
+        """Signs (n, f) of slip at the impacts, from changes `jumps` of the gap rate: see `Rubs`."""
         if not self._rub:
             return np.empty((len(jumps), 0), dtype=np.intp)
         found = [
@@ -318,9 +324,9 @@ def _states(run: Trajectory, count: int) -> Array:
 
 
 def _taken(flights: Any, rubs: Rubs, pushed: tuple[Array, Array], by: Array) -> Any:
-    """Derivative (D, D) after an impact that may take slip velocities, and change (D,) by numbers.
+    """Derivative (D, D) after an impact that may stop slips, and change (D,) by numbers.
 
-    By the state that still has them, its change, and its derivative.
+    `pushed` is the state with these slips and its change; `by` is its derivative.
     """
     if all(way for _, way in rubs):
         return by, pushed[1]
@@ -329,11 +335,11 @@ def _taken(flights: Any, rubs: Rubs, pushed: tuple[Array, Array], by: Array) -> 
 
 
 def _varying_steps(chatter: Chatter, machine: Machine, flights: Any) -> Steps:
-    """See `Steps`, where rows and kicks depend on the state.
+    """See `Steps`; here rows and kicks depend on the state.
 
-    A row at the end of a flight differs from that at its begin, where the gap is zero as well. As
-    late in a chatter that difference is far below rounding of rows, it is summed along the flight.
-    So are the differences that changes of the numbers make of the gap.
+    The gap is zero at both ends of a flight, but its row differs. Late in a chatter this difference
+    is far below the rounding errors of rows; so it is integrated along the flight: see `rolled`.
+    The same is done for the changes of the gap due to changed numbers.
     """
     k, since = chatter.element, chatter._since(chatter.after)
     lasts = chatter._flights_last
@@ -350,7 +356,7 @@ def _varying_steps(chatter: Chatter, machine: Machine, flights: Any) -> Steps:
         rubs = tuple(zip(chatter._rub, ways[i], strict=True))
         kick = flights.kick(k, chatter.after[i], rubs)
         push, pull = (1.0 + r[i]) * kick, (1.0 + slopes[i]) * kick.real
-        # what an impact took is not in the state after it
+        # a slip that the impact stopped does not follow from the state after it
         before = ends[i] if 0 in ways[i] else chatter.after[i] + rate * push.real
         (gap, row), (closing, by_rate) = flights.gap_of(k, before), flights.rate_of(k, before)
         shift, row = np.zeros(len(before)), row.real

@@ -1,4 +1,4 @@
-"""Kernel of a chatter: what its flights and impacts make of changes of the state."""
+"""Kernel of a chatter: changes of the state through its flights and impacts."""
 
 from __future__ import annotations
 
@@ -47,24 +47,24 @@ def carry(
     landed: Array,
     delayed: Array,
 ) -> None:
-    """Follow changes (d, k) through n flights, each with the impact that ends it.
+    """Propagate changes (d, k) of the state through n flights, each ended by an impact.
 
     Parameters
     ----------
     flown
-        (n, d, d) derivatives of the flights less 1.
+        (n, d, d) derivatives of the flights minus identity.
     hits, which
-        (p, d, d) derivatives of impacts, and (n,) which of them each impact has.
+        (p, d, d) derivatives of impacts, and (n,) the number of the derivative of each impact.
     movings
-        (n, d) rates by which a delay of an impact changes the state.
+        (n, d) changes of the state by a unit delay of each impact.
     delays, delay
-        (n, d) derivatives of the delays by the changes, and (n,) what changes of numbers add.
+        (n, d) derivatives of the delays by the changes, and (n,) delays due to changed numbers.
     more
-        (n, d) what changes of numbers add to the state.
+        (n, d) changes of the state due to changed numbers.
     changes
         (d, k) modified in place.
     landed, delayed
-        (d, k), and (2, k) the delay of the last impact, and sums of all; modified in place.
+        (d, k) and (2, k) modified in place: a buffer; the last delay, and the sum of all delays.
     """
     d, columns = changes.shape
     for k in range(columns):

@@ -12,18 +12,18 @@ from dynkit.orbits.multipliers import product_eigenvalues
 
 _ROUNDING = 2.0**-52
 _GRAZES = 256.0 * _ROUNDING
-"""Rate of a guard in units of a turn's: with less it is only grazed."""
+"""Relative rate of a guard, |rate| / (frequency * size), below which it is only grazed."""
 _PARTING = 1e-5
-"""Step of central differences in turns of the phase: it balances rounding and curvature."""
+"""Step of central differences, in radians of the phase: it balances rounding and curvature."""
 
 
 def multipliers(s: Any) -> Any:
-    """Floquet multipliers (2N + J,), the largest first; some of what sticks are zero."""
+    """Floquet multipliers (2N + J,), the largest first; some of P(inf,m) are zero."""
     factors, _ = s.factors
     kept = s.dimension - s.progression.shift.shape[1] - (not s.driven)
     found = np.zeros(kept, dtype=complex)
     if s.course.sticks and not s.impulses.all():
-        # an impact that only grazes stretches without bound
+        # the derivative of a grazing impact is infinite
         found[0] = np.inf
         return found
     own = product_eigenvalues(factors)[: len(found)] if factors.size else found[:0]
@@ -32,10 +32,10 @@ def multipliers(s: Any) -> Any:
 
 
 def factors_of(s: Any) -> tuple[Array, Array]:
-    """Matrices from just before each event, at its phase, to just before the next; their rounding.
+    """Tangent maps from just before each event to just before the next, and rounding errors.
 
-    Of what nothing drives from the guard of the first event to itself, along the motion. Of
-    what sticks from each node to the next one, of motions in contact.
+    For an undriven machine their product maps the surface where the first guard is zero to itself.
+    For P(inf,m) there is one matrix from each node to the next, for changes that keep contact.
     """
     d, m = s.dimension, s.measures[: s.dimension]
     rows = s.guards.copy()
@@ -58,7 +58,7 @@ def factors_of(s: Any) -> tuple[Array, Array]:
 
 
 def monodromy_from(s: Any, i: int) -> Array:
-    """Matrix (2N + J, 2N + J) from just before event `i` to a period later, at one phase."""
+    """Monodromy matrix (2N + J, 2N + J) from just before event `i` to a period later."""
     d, m = s.dimension, s.measures[: s.dimension]
     found = np.eye(s.dimension)
     for k in np.roll(np.arange(s.events), -i).tolist():
@@ -67,7 +67,7 @@ def monodromy_from(s: Any, i: int) -> Array:
 
 
 def _passed(s: Any, i: int, row: Array) -> Array:
-    """Matrix (D, D) from just before event `i`, where this row is zero, to just before the next."""
+    """Tangent map (D, D) from just before event `i`, with guard `row`, to just before the next."""
     moving, passed = s.moving[i - 1], s.resets[i].copy()
     if i in s.impulse_of:
         j = s.impulse_of[i]
@@ -82,9 +82,9 @@ def _passed(s: Any, i: int, row: Array) -> Array:
 
 
 def _parting(s: Any, i: int) -> Array:
-    """Limit (D,) of what changes of the state's rates at event `i`, over the guard's rate.
+    """Limit (D,) of the jump of the state's rate at event `i`, divided by the guard's rate.
 
-    Where a guard is only grazed, both are zero: it is the ratio of their derivatives in time.
+    Where a guard is only grazed, both are zero; the limit is the ratio of their time derivatives.
     """
     moving, step = s.moving[i - 1], _PARTING / s.clock
     ends = s.reached[i - 1] + step * moving, s.reached[i - 1] - step * moving
@@ -99,7 +99,7 @@ def _parting(s: Any, i: int) -> Array:
 
 
 def held_directions(s: Any, node: int) -> Array:
-    """Scaled changes (2N, d), orthonormal, that leave what is held before a node in contact."""
+    """Orthonormal scaled changes (2N + J, d) that keep the contacts closed just before a node."""
     i, m = s.course.nodes[node], s.measures[: s.dimension]
     mode, z = s.itinerary[i].mode, s.before[i]
     stops, own = [k for k in mode.held if k < len(s.oscillator._stops)], s.flights(mode)
@@ -109,7 +109,7 @@ def held_directions(s: Any, node: int) -> Array:
 
 
 def _in_contact(s: Any, factors: Array) -> Array:
-    """Matrices from each node to the next one, of changes that leave what is held closed."""
+    """Tangent maps from each node to the next one, of changes that keep the contacts closed."""
     count, found = len(s.course.nodes), []
     bases = [held_directions(s, node) for node in range(count)]
     if len({basis.shape for basis in bases}) > 1:

@@ -1,11 +1,12 @@
-"""Divided differences of guards that are zero by nature at an earlier event.
+"""Divided differences of guards that are zero at an earlier event for any motion.
 
-A soft stop is left where the gap is zero that was zero where it was touched; what begins to slip is
-halted where the rate of slip is zero that was zero before; a slider that was halted yields again in
-the same direction where its spring bears what it bore before. With the second event at the time of
-the first one the guard is zero whatever the motion: a trivial solution, which the equation divided
-by the time between the two, or by its square, has not. So it is regular where the two events merge,
-and the branch ends. Motions are those of a `ShootingSolution`.
+A soft stop is left when its gap is zero; the same gap was zero when the stop was touched. A slip
+ends when the slip velocity is zero, as it was when the slip began. A slider that has halted yields
+again in the same direction when its spring has the force that it had before. So the guard of the
+second event is zero at the first event for any motion, and the equation has a trivial solution with
+both events at one time. The guard divided by the time between the two events, or by its square, has
+no trivial solution. This equation is regular where the two events merge and the branch ends.
+Motions are those of a `ShootingSolution`.
 """
 
 from __future__ import annotations
@@ -25,17 +26,17 @@ if TYPE_CHECKING:
 
 
 class Pair(NamedTuple):
-    """The event at which a guard was zero, and how many of its derivatives were, with itself."""
+    """The earlier event at which a guard was zero, and the order of this zero."""
 
     first: int
     order: int
 
 
 def pairs(oscillator: ImpactMap, itinerary: Itinerary, free: Iterable[str]) -> list[Pair | None]:
-    """Of each event, (n,), the one before it at which its guard was zero by nature.
+    """For each event, (n,), the earlier event at which its guard is zero for any motion, or None.
 
-    Slip begins without acceleration where the static force is the kinetic one, unless a parameter
-    that is free makes them differ.
+    Slip begins with zero acceleration if the static force equals the kinetic force, and if no free
+    parameter changes one of them alone.
     """
     owners = {name.rpartition(".")[0] for name in free if name.rpartition(".")[2] in _FORCES}
     parted = {k for k, name in enumerate(element_names(oscillator)) if name in owners}
@@ -43,6 +44,7 @@ def pairs(oscillator: ImpactMap, itinerary: Itinerary, free: Iterable[str]) -> l
 
 
 _FORCES = "force", "static", "coefficient"
+"""Parameters of friction that may make static and kinetic force differ."""
 
 
 def _pair(oscillator: ImpactMap, itinerary: Itinerary, i: int, parted: set[int]) -> Pair | None:
@@ -72,7 +74,7 @@ def _pair(oscillator: ImpactMap, itinerary: Itinerary, i: int, parted: set[int])
 
 
 def _slipped(oscillator: ImpactMap, itinerary: Itinerary, i: int, to: int) -> Pair | None:
-    """The halt of a slider that then yields again in the same direction, where nothing is hit."""
+    """The pair for a slider that yields again in the direction before its halt, without impact."""
     n, k = len(itinerary), itinerary[i].element
     for back in range(1, n):
         halt = itinerary[(i - back) % n]
@@ -83,19 +85,19 @@ def _slipped(oscillator: ImpactMap, itinerary: Itinerary, i: int, to: int) -> Pa
 
 
 def watch_of(oscillator: ImpactMap, event: Happening) -> Any:
-    """What is zero at an event."""
+    """The guard that is zero at an event."""
     regimes = oscillator._elements[event.element].regimes
     return regimes[event.mode.numbers[event.element]].guards[event.guard]
 
 
 def _between(s: Any, i: int, pair: Pair) -> list[int]:
-    """Numbers of the events after which there is a part of the time between."""
+    """Numbers of the events whose following flights lie between the two events of a pair."""
     n = s.events
     return [k % n for k in range(pair.first, i if pair.first < i else i + n)]
 
 
 def value(s: Any, i: int, pair: Pair) -> Any:
-    """The guard of event `i`, over the time since the first one, to the power of the order."""
+    """The guard of event `i` over the time since the first event, to the power of the order."""
     among = _between(s, i, pair)
     if (whole := _whole(s, among)) is None:
         return s.quotient(among[0], i, pair.order)
@@ -103,7 +105,10 @@ def value(s: Any, i: int, pair: Pair) -> Any:
 
 
 def derivatives(s: Any, i: int, pair: Pair) -> Iterator[tuple[int, Array, float]]:
-    """Derivatives of it by each state (D,) just after an event, and by the time to the next."""
+    """Yield, for each flight between: its number, and derivatives of `value`.
+
+    They are the derivatives by the state (D,) at the begin of the flight, and by its duration.
+    """
     among = _between(s, i, pair)
     if (whole := _whole(s, among)) is None:
         by_state, by_time = s.quotient_change(among[0], i, pair.order)
@@ -117,15 +122,16 @@ def derivatives(s: Any, i: int, pair: Pair) -> Iterator[tuple[int, Array, float]
 
 
 def rounding(s: Any, i: int, pair: Pair) -> float:
-    """What rounding may make of the value, to first order."""
+    """Bound of the rounding error of `value`, to first order."""
     found = max(s.quotient_rounding(j, i, pair.order) for j in _between(s, i, pair))
     return float(found + sum(abs(by) * s.late[j] for j, _, by in derivatives(s, i, pair)))
 
 
 def _whole(s: Any, among: list[int]) -> Any:
-    """The time between; None where one flow passes it, or where none does, as where all merge.
+    """The time between the two events; None if it is one flight, or if it is zero.
 
-    A gap that is touched with the force zero has one acceleration in all modes that merge there.
+    If several flights of duration zero lie between, the quotient of the first one serves: a gap
+    that is touched with zero force has the same acceleration in all modes that merge there.
     """
     whole = sum(s.durations[j] for j in among)
     return None if len(among) == 1 or whole == 0.0 else whole

@@ -1,4 +1,4 @@
-"""Errors of the states of orbits of several modes."""
+"""Error estimates of the states of orbits of several modes."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ if TYPE_CHECKING:
     from dynkit.systems.impact.orbits.itineraries.several_modes.shooting import ShootingSolution
 
 _MOST = 1000
-"""The states before so many events at most are unknowns that these have as many coordinates."""
+"""Approximate limit of the coordinates of all states that are unknowns of the error estimate."""
 
 _ROUNDING = 2.0**-52
 
@@ -24,8 +24,9 @@ def error_of(problem: Any, x: Array, p: Array) -> float:
 
     See `ImpactOrbit.error`.
 
-    The states before all events are unknowns here: so rounding of a flight is an error of its own
-    end, and need not grow along the orbit before the inverse derivative shrinks it again.
+    Here the states before all events are unknowns, up to `_MOST` coordinates. So the rounding error
+    of a flight enters at its end, and is not first multiplied along the orbit and then reduced
+    again by the inverse Jacobian.
     """
     phases, impulses, _ = problem.layout.split(x)
     n, d = len(phases), problem.dimension
@@ -44,15 +45,15 @@ def error_of(problem: Any, x: Array, p: Array) -> float:
     missed, rounded = abs(fine.residual(y, p)), fine.rounding(y, p)
     errors = abs(by) @ missed + 2.0 * np.sqrt(by**2 @ rounded**2)
     along = abs(s.progression.shift @ s.progression.part)
-    lost = 2.0 * np.linalg.norm(s.rounded[:, :d] @ along.T, axis=0).max()  # no equation has it
+    lost = 2.0 * np.linalg.norm(s.rounded[:, :d] @ along.T, axis=0).max()  # not in any equation
     sizes = abs(coarse.section_states).max(initial=0.0), abs(phases).max()
     return float(errors.max() + lost + 4.0 * _ROUNDING * max(sizes))
 
 
 def _sections(s: ShootingSolution, fine: Any, some: Sequence[int]) -> Array:
-    """Rows (q, m): phases, and changes of states just after the events of the section.
+    """Derivatives (q, m) by the unknowns: of phases, impulses, section states and progression.
 
-    And of how far it comes in a period, where it progresses.
+    Section states are those just after the events `some`, or inside flights if there are none.
     """
     n, d, unit = s.events, s.dimension, np.eye(fine.size)
     first = n + fine.layout.impacts
@@ -69,7 +70,7 @@ def _sections(s: ShootingSolution, fine: Any, some: Sequence[int]) -> Array:
 
 
 def _passed(s: ShootingSolution, after: list[Array], gone: list[Array]) -> list[Array]:
-    """Changes of the section's states amid flights."""
+    """Derivatives of the section states that lie inside flights, by the unknowns."""
     begins, found = (s.event_phases - s.event_phases[0]) / s.clock, []
     for time in ((s.phases - s.event_phases[0]) / s.clock % s.period).tolist():
         i = int(np.searchsorted(begins, time, side="right")) - 1

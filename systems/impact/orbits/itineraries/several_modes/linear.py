@@ -1,4 +1,4 @@
-"""Motions of several modes of structures that are linear: flights are matrix exponentials."""
+"""Motions through several linear modes: flights are matrix exponentials."""
 
 from __future__ import annotations
 
@@ -32,12 +32,12 @@ class LinearSolution(ShootingSolution):
 
     @cached_property
     def flows(self) -> Any:
-        """A, (n, D, D), of the modes that follow the events, and chatters."""
+        """State matrices A (n, D, D) of the modes that follow the events, and their chatters."""
         return np.array([self.machine.flow(event.mode) for event in self.following])
 
     @cached_property
     def _ahead(self) -> Any:
-        """exp(A t), (D, D), of the flights that follow no chatter, by the numbers of events."""
+        """exp(A t), (D, D), of the flights without a chatter before, by the numbers of events."""
         own = [i for i, event in enumerate(self.itinerary) if not event.chatters]
         flown = moved(self.flows[own], self.durations[own], self.measures)
         return dict(zip(own, flown, strict=True))
@@ -51,7 +51,7 @@ class LinearSolution(ShootingSolution):
     def _gained(self) -> Array:
         assert self._still is not None
         out, d = np.zeros((self.events, len(self.measures))), self.dimension
-        # phases are given: changes of theirs count where they act on the state
+        # phases are unknowns: a change of the frequency matters only if it acts on the state
         acting = self.flows[:, :d].imag.any(axis=2) | self.flows[:, :d, d:-1].any(axis=2)
         own = np.flatnonzero(acting.any(axis=1)).tolist()
         begun = np.array([self._still.begun(i) for i in own]).reshape(-1, len(self.measures))
@@ -83,7 +83,7 @@ class LinearSolution(ShootingSolution):
 
     @kept
     def _through(self, i: int, times: Array) -> Array:
-        """States (k, D) at times (k,) after event `i`, or its chatter; of all that is watched."""
+        """States (k, D) at times (k,) after event `i`, or its chatter; all guards share them."""
         return run_through(self.flows[i], self.begun(i), times, self.measures)
 
     # --- divided differences ----------------------------------------------------------------------
@@ -106,14 +106,14 @@ class LinearSolution(ShootingSolution):
 
     @cached_property
     def _risen(self) -> tuple[Any, Any]:
-        """exp(A t) - 1, (n, D, D), of all flights, and what it makes of the states after events."""
+        """exp(A t) - 1, (n, D, D), of all flights, and products (n, D) with their first states."""
         if self._still is None:
             found = changed(self.flows, self.durations, self.measures)
             return found, (found @ self.after[:, :, None])[..., 0]
         found, risen = self._still._risen
         more = (found @ self.after.imag[:, :, None])[..., 0] / STEP + self._gained
         more += self._still.moving * self.durations.imag[:, None] / STEP
-        more[:, self.dimension :] = 0.0  # phases are given
+        more[:, self.dimension :] = 0.0  # phases do not change: they are unknowns
         return found, risen + 1j * STEP * more
 
     def rise(self, j: int, i: int) -> Any:
@@ -127,18 +127,17 @@ class LinearSolution(ShootingSolution):
         return self.guards[i] @ self._risen[0][j]
 
     def _rows(self, j: int, i: int, most: int) -> list[Any]:
-        """Rows h, h phi_1(A t), ... up to that number, A t of the time after event `j`.
+        """Rows h, h phi_1(A t), ..., h phi_most(A t), with the flight A t after event `j`.
 
-        The row h is the guard of event `i`.
-
-        phi_0 is the exponential function, and x phi_k+1(x) = phi_k(x) - 1/k!.
+        The row h is the guard of event `i`. phi_0 is the exponential function, and
+        x phi_k+1(x) = phi_k(x) - 1/k!.
         """
         row = self.guards[i]
         m, d = balanced(self.flows, self.measures), len(row)
         big = np.zeros((most + d, most + d), dtype=np.result_type(row, self.flows, self.durations))
         big[: most - 1, 1:most] = np.eye(most - 1)
         big[most:, most:] = self.flows[j] * m / m[:, None] * self.durations[j]
-        # entries far above the others would cost digits
+        # entries far above the others would cause rounding errors
         unit = max(1.0, float(abs(row) @ m) / max(1.0, float(abs(big).max())))
         big[most - 1, most:] = row * m / unit
         found = exponentials(big[None])[0, :most, most:] / m * unit
@@ -161,7 +160,7 @@ class LinearSolution(ShootingSolution):
     # --- the motion -------------------------------------------------------------------------------
 
     def change(self, change: tuple[Array, Numbers]) -> Array | None:
-        """Their derivative (m,) by a change of all numbers."""
+        """Derivative (m,) of the residual by a change of all numbers."""
         scene = self.scene._replace(machine=self.machine.changed(self.oscillator, change))
         given = self.course, self.lap, self.pairs, self.driven, self
         there = LinearSolution(scene, *given)

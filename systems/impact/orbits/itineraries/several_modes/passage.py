@@ -1,4 +1,4 @@
-"""Motions of several modes: from unknown states before some events to the next of these."""
+"""Motions through several modes, from the unknown states at nodes to the next nodes."""
 
 from __future__ import annotations
 
@@ -24,11 +24,11 @@ from dynkit.systems.impact.simulation.sampling import sample_run, sample_sliders
 from dynkit.systems.impact.simulation.state import TWO_PI, turning
 
 ROUNDING = 2.0**-52
-"""Relative, of a number."""
+"""Relative rounding error of a number."""
 
 
 class Scene(NamedTuple):
-    """The machine at some parameters, the oscillator, and what states are measured in, (D,)."""
+    """The machine at some parameters, the oscillator, and the units (D,) of states."""
 
     machine: Machine
     oscillator: Any
@@ -36,10 +36,11 @@ class Scene(NamedTuple):
 
 
 class Passage(ItinerarySolution):
-    """The motion of an itinerary from the states at its nodes, given phases and impulses.
+    """The motion of an itinerary from the states at its nodes, with given phases and impulses.
 
-    Nothing is eliminated, so that no mode is neutral. Impulses are given, so that no impact
-    stretches on the way. A subclass must implement flights and rows: what is abstract here.
+    States are not eliminated, so a neutral mode causes no singular matrix. Impulses are unknowns,
+    so the derivatives are finite at a grazing impact. A subclass must implement the abstract
+    methods, for flights and rows.
 
     Parameters
     ----------
@@ -47,7 +48,7 @@ class Passage(ItinerarySolution):
     course : Course
     lap : Lap
     pairs : list of divided.Pair or None
-        Of each event the one before at which its guard is zero by nature.
+        For each event the earlier event at which its guard is zero for any motion.
     driven : bool
     still : Passage, optional
         The same motion of the machine without the imaginary changes of its numbers.
@@ -73,7 +74,7 @@ class Passage(ItinerarySolution):
         self._put: dict[int, Array] = {}
         self._node_of = dict(zip(course.nodes, range(len(course.nodes)), strict=True))
 
-    # --- on the way; with complex numbers of a machine complex ------------------------------------
+    # --- states, complex if the machine's numbers are ---------------------------------------------
 
     @cached_property
     def durations(self) -> Any:
@@ -87,9 +88,9 @@ class Passage(ItinerarySolution):
 
     @cached_property
     def transitions(self) -> Any:
-        """(n, D, D) from just after each event to just before the next.
+        """Transition matrices (n, D, D) from just after each event to just before the next.
 
-        Of chatters derivatives, of states on the stop.
+        For chatters they are the derivatives for states on the stop.
         """
         out = self._flown.copy()
         for i, chatter in self.chatters.items():
@@ -98,7 +99,7 @@ class Passage(ItinerarySolution):
         return out
 
     def _carried(self, i: int, chatter: Chatter, changes: Array) -> Any:
-        """Changes (D, k) of states in contact at one time, by those just after event `i`."""
+        """Changes (D, k) of the contact state at a fixed time, by those just after event `i`."""
         flying = self.itinerary[i].kicked
         assert flying is not None
         flights, held = self.flights(flying), self.flights(self.following[i].mode)
@@ -108,12 +109,12 @@ class Passage(ItinerarySolution):
 
     @property
     def _flown(self) -> Any:
-        """The same, but from the begin of contact after chatters."""
+        """Transition matrices (n, D, D), for chatters from the begin of contact."""
         return self._way[3]
 
     @property
     def chatters(self) -> dict[int, Chatter]:
-        """Those after some impacts, by the numbers of these."""
+        """The chatters, by the numbers of the impacts before them."""
         return self._way[4]
 
     def _chatter(self, i: int, state: Any) -> Chatter:
@@ -134,7 +135,7 @@ class Passage(ItinerarySolution):
         return found
 
     def _begun_on(self, i: int, chatter: Chatter, state: Any) -> Any:
-        """State (D,) with which contact begins, and its imaginary changes at a given time."""
+        """State (D,) with which contact begins, with its imaginary change at a fixed time."""
         if not np.iscomplexobj(state):
             return chatter.begin
         return (
@@ -143,12 +144,12 @@ class Passage(ItinerarySolution):
 
     @cached_property
     def _modes(self) -> list[Any]:
-        """Flights (n,) after the events."""
+        """Flights of the n modes after the events."""
         return [self.flights(event.mode) for event in self.following]
 
     @cached_property
     def _closed(self) -> list[int]:
-        """Stops that never open: their gaps, and the rates of these, are put to zero at nodes."""
+        """Stops that never open: their gaps and gap rates are set to zero at nodes."""
         held = set(self.itinerary[0].mode.held).intersection(*(e.mode.held for e in self.itinerary))
         return sorted(k for k in held if k < len(self.oscillator._stops))
 
@@ -156,7 +157,7 @@ class Passage(ItinerarySolution):
     def _way(self) -> tuple[Any, Any, Any, Any, dict[int, Chatter]]:
         """Whole states (n, D) before and after the events, and before the next ones.
 
-        With `_flown` and `chatters`.
+        The last two items are `_flown` and `chatters`.
         """
         n, d, m = self.events, self.dimension, self.machine
         kind = np.result_type(m.frequency)
@@ -193,16 +194,16 @@ class Passage(ItinerarySolution):
 
     @property
     def kicks(self) -> Any:
-        """Changes (n, D) by unit impulses; zero where there is none."""
+        """Changes (n, D) of the states by unit impulses; zero for events that are no impacts."""
         none = np.zeros(self.dimension + 3)
         before = self.before
         return np.array([self._kicks.get(i, none) for i in range(len(before))])
 
     @cached_property
     def resets(self) -> Any:
-        """(n, D, D): rates of what begins to hold, or to stick, are lost.
+        """Derivatives (n, D, D) of the states just after the events by those just before.
 
-        Where a chatter follows, the gap is put to zero.
+        Impulses are fixed. See `begun` of the flights.
         """
         before, out = self.before, []
         for i, event in enumerate(self.itinerary):
@@ -222,7 +223,7 @@ class Passage(ItinerarySolution):
 
     @cached_property
     def _watched(self) -> tuple[Any, Any]:
-        """What is zero at the events, (n,), and `guards`."""
+        """Values (n,) of the guards at the events, and `guards`."""
         rows = np.zeros_like(self.before)
         values = rows[:, 0].copy()
         for i, (event, z) in enumerate(zip(self.itinerary, self.before, strict=True)):
@@ -231,13 +232,13 @@ class Passage(ItinerarySolution):
         return values, rows
 
     def guard_at(self, i: int, z: Any) -> tuple[Any, Any]:
-        """What is zero at event `i`, at a state (D,), and its derivative (D,)."""
+        """The guard of event `i` at a state (D,), and its derivative (D,)."""
         event = self.itinerary[i]
         return self.watch(event.mode, event.element, event.guard, z)
 
     @property
     def guards(self) -> Any:
-        """Rows (n, D) of what is zero at the events; zero where a period begins."""
+        """Rows (n, D) of the guards at the events; zero for the begin of a period."""
         return self._watched[1]
 
     @cached_property
@@ -249,12 +250,12 @@ class Passage(ItinerarySolution):
 
     @property
     def closing(self) -> Any:
-        """Rates (k,) of the gaps that impacts close, just before these."""
+        """Rates (k,) of the gaps just before the impacts."""
         return self._approach[0]
 
     @property
     def rates(self) -> Any:
-        """Derivatives (k, D) of these rates by the states before."""
+        """Derivatives (k, D) of `closing` by the states just before the impacts."""
         return self._approach[1]
 
     @property
@@ -281,7 +282,7 @@ class Passage(ItinerarySolution):
 
     @cached_property
     def rebounds(self) -> Any:
-        """Restitutions, and slopes of rebound velocities over those of the approach: (2, k)."""
+        """Restitutions, and derivatives of rebound velocities by approach velocities: (2, k)."""
         approach = self.closing
         pieces = [self.itinerary[i].piece for i in self.hits]
         own = zip(self.sides.tolist(), pieces, approach, strict=True)
@@ -294,21 +295,21 @@ class Passage(ItinerarySolution):
 
     @property
     def late(self) -> Array:
-        """What rounding may make of the times (n,) between events."""
+        """Rounding errors (n,) of the times between events."""
         out = abs(self.durations)
         out[-1] += 2.0 * abs(self.lap.phases[-1]) / self.clock
         return np.asarray(ROUNDING * out)
 
     @cached_property
     def rounded(self) -> Array:
-        """What rounding may make of `reached`, (n, D), from `after`, to first order."""
+        """Bounds (n, D) of the rounding errors of `reached`, from `after`, to first order."""
         m = self.measures
         sizes = abs(self.transitions) @ abs(self.after)[:, :, None]
         level = (sizes[:, :, 0] / m).max(axis=1, keepdims=True)
         out = ROUNDING * (4.0 + self.norms[:, None]) * level * m
         out += self.late[:, None] * abs(self.moving)
         for i, chatter in self.chatters.items():
-            # each impact rounds, and the last ones are replaced
+            # each impact adds rounding errors, and the last bounces are omitted
             out[i] += ROUNDING * chatter.run.impacts * level[i] * m + chatter.error
         return np.asarray(out)
 
@@ -317,16 +318,16 @@ class Passage(ItinerarySolution):
     @property
     @abstractmethod
     def norms(self) -> Array:
-        """Roundings (n,) of flights: times between events, in units of the fastest changes."""
+        """Norms (n,) of the flights: durations times the fastest rate. Rounding grows with them."""
 
     @abstractmethod
     def flights(self, mode: Regimes) -> Flights:
         """The flights in a mode."""
 
     def _flight(self, i: int, z: Any, lasts: Any) -> tuple[Any, Any]:
-        """State (D,) at the next event, and derivative (D, D) by the one from which it flies.
+        """State (D,) at the next event after a flight from `z`, and its derivative (D, D) by `z`.
 
-        With imaginary changes of both.
+        Both `z` and the duration may have imaginary changes.
         """
         still = self._still
         if still is None:
@@ -334,28 +335,29 @@ class Passage(ItinerarySolution):
             return flown
         flown = still._flown[i]
         out = flown @ z.imag / STEP + still.moving[i] * lasts.imag / STEP + self._gained[i]
-        out[self.dimension :] = 0.0  # phases are given
+        out[self.dimension :] = 0.0  # phases do not change: they are unknowns
         return still.reached[i] + 1j * STEP * out, flown
 
     @property
     @abstractmethod
     def _gained(self) -> Array:
-        """Changes (n, D) of states at the next events by those of numbers, at given durations."""
+        """Changes (n, D) of states at the next events by changed numbers, at fixed durations."""
 
     @abstractmethod
     def quotient(self, j: int, i: int, q: int) -> Any:
-        """The guard of event `i` after flight `j`, over its duration to the power of q: `divided`.
+        """Remainder of the guard of event `i` after flight `j`, over its duration to the power q.
 
-        Without what its value and first derivatives at the begin make of it.
+        The remainder is the guard minus the terms below order q of its Taylor series at the begin
+        of the flight. See `divided`.
         """
 
     @abstractmethod
     def quotient_change(self, j: int, i: int, q: int) -> tuple[Any, float]:
-        """Derivatives of it by the state (D,) at the begin, and by the duration."""
+        """Derivatives of `quotient` by the state (D,) at the begin, and by the duration."""
 
     @abstractmethod
     def quotient_rounding(self, j: int, i: int, q: int) -> float:
-        """What rounding may make of it, in units of a turn."""
+        """Rounding error of `quotient`."""
 
     @abstractmethod
     def rise(self, j: int, i: int) -> Any:
@@ -363,11 +365,11 @@ class Passage(ItinerarySolution):
 
     @abstractmethod
     def rise_change(self, j: int, i: int) -> Any:
-        """Derivative of it by the state (D,) at the begin."""
+        """Derivative (D,) of `rise` by the state at the begin."""
 
     @abstractmethod
     def _passed(self, i: int, durations: Array) -> Array:
-        """States (k, 2N) at durations (k,) after event `i`, after its chatter those in contact."""
+        """States (k, 2N + J) at times (k,) after event `i`; after a chatter those in contact."""
 
     def flown(self, i: int, phase: float) -> Array:
         """The state (2N + J,) at a phase after event `i`."""
@@ -393,9 +395,10 @@ class Passage(ItinerarySolution):
         return out
 
     def _stilled(self, i: int, states: Array) -> Array:
-        """States (k, D) after event `i`: what sticks there slips by no rounding, modified in place.
+        """Set slips of sticking elements to zero in states (k, D) after event `i`, in place.
 
-        With a static force above the kinetic one a motion from them would slip on.
+        With a static force above the kinetic force, a motion from a state with a slip of rounding
+        size would continue to slip.
         """
         n, stops = self.machine.size, len(self.oscillator._stops)
         mode, found, shape = self.following[i].mode, [], states.shape
@@ -408,21 +411,21 @@ class Passage(ItinerarySolution):
             states[:, n : 2 * n] -= (left * along).sum(axis=1)
         return states
 
-    # --- what is watched --------------------------------------------------------------------------
+    # --- guards between events --------------------------------------------------------------------
 
     def begun(self, i: int) -> Array:
-        """The state (D,) with which the mode after event number `i` begins, after its chatter."""
+        """The state (D,) with which the mode after event number `i`, or its chatter, begins."""
         return self.chatters[i].begin if i in self.chatters else np.asarray(self.after[i])
 
     def _late(self, i: int) -> float:
-        """Time from event number `i` to the mode after it, of its chatter."""
+        """Time from event number `i` to the begin of the next mode: the duration of its chatter."""
         return self.chatters[i].lasts if i in self.chatters else 0.0
 
     def begins(self, i: int) -> float:
         return float(self.event_phases[i] + self.clock * self._late(i))
 
     def watch(self, mode: Regimes, element: int, guard: int, z: Any) -> tuple[Any, Any]:
-        """What an element watches there at a state (D,), and its derivative (D,)."""
+        """Guard of an element in a mode at a state (D,), and its derivative (D,)."""
         return self.flights(mode).observed(element, guard, z)
 
     def size_of(self, i: int, element: int, guard: int) -> float:
@@ -430,7 +433,7 @@ class Passage(ItinerarySolution):
         return float(abs(row) @ self.measures)
 
     def force_unit(self, i: int, element: int) -> float:
-        """What a contact force after event `i` is measured in."""
+        """Unit of a contact force after event `i`."""
         row = self.flights(self.following[i].mode).force_row(element, self.begun(i))
         return float(abs(row) @ self.measures)
 

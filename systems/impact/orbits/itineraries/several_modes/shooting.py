@@ -1,4 +1,4 @@
-"""Equations of orbits by multiple shooting: what is left of them, and their derivative."""
+"""Equations of orbits by multiple shooting: residual, Jacobian and rounding errors."""
 
 from __future__ import annotations
 
@@ -14,15 +14,15 @@ from dynkit.systems.impact.orbits.itineraries.several_modes.passage import ROUND
 from dynkit.systems.impact.simulation.state import TWO_PI
 
 _OF_ROWS = 8.0
-"""Roundings of each term of an equation: rows, kicks and sines are rounded."""
+"""Rounding errors of each term of an equation: rows, kicks and sines are rounded."""
 
 
 class ShootingSolution(Passage):
-    """A passage through an itinerary, and whether it closes: a subclass gives what is abstract."""
+    """A passage through an itinerary with the equations of an orbit; an abstract class."""
 
     @property
     def left(self) -> Any:
-        """What is left of the equations, (m,)."""
+        """Residual (m,) of the equations."""
         found = self._watched[0].copy()
         for i, event in enumerate(self.itinerary):
             if event.element < 0:
@@ -35,12 +35,12 @@ class ShootingSolution(Passage):
         ended = self.reached[[node - 1 for node in (*others, first)], : self.dimension]
         begun = self.lap.states[[*range(1, len(self.lap.states)), 0]]
         missing = ended - begun
-        if (along := self.progression).shift.size:  # it ends elsewhere, and all begin at zero
+        if (along := self.progression).shift.size:  # ends may be shifted; begins have no shift
             missing = along.removed(missing) + begun - along.removed(begun)
         return np.concatenate([found, rates, missing.ravel()])
 
     def jacobian(self, multiplier: complex) -> Any:
-        """Their derivative D(multiplier), (m, m)."""
+        """Jacobian D(multiplier), (m, m), of the equations."""
         n, d, changes = self.events, self.dimension, []
         out = np.zeros((self.size, self.size), dtype=np.result_type(multiplier, 1.0))
         for i, change, after, ended in self.changes(multiplier):
@@ -72,9 +72,9 @@ class ShootingSolution(Passage):
         return self.events + len(self.hits) + self.lap.states.size
 
     def changes(self, multiplier: complex) -> Iterator[tuple[int, Any, Any, Any]]:
-        """Of each event changes (D, m) of states by all unknowns: before and after it, and later.
+        """Yield the number of each event, and derivatives (D, m) of states by all unknowns.
 
-        The last ones are those before the next event.
+        They are those of the states just before the event, just after it, and just before the next.
         """
         n, d = self.events, self.dimension
         change = np.zeros((d + 3, self.size), dtype=np.result_type(multiplier, 1.0))
@@ -94,12 +94,12 @@ class ShootingSolution(Passage):
             change = ended
 
     def _own(self, node: int) -> slice:
-        """Which unknowns are the state at a node; which equations tell the next one."""
+        """Indices of the unknown state at a node, and of the equations from it to the next node."""
         begin = self.events + len(self.hits) + self.dimension * node
         return slice(begin, begin + self.dimension)
 
     def turns(self, i: int) -> Array:
-        """Change (3,) of sine, cosine and one by the unknown phase of event `i`, if it is one."""
+        """Derivative (3,) of sine, cosine and one by the phase of event `i`; zero if fixed."""
         sine, cosine, _ = self._turning[i]
         return float(self._phase_is_free(i)) * np.array([cosine, -sine, 0.0])
 
@@ -107,7 +107,7 @@ class ShootingSolution(Passage):
         return self.driven or i > 0
 
     def lasts(self, i: int, mu: Any) -> Iterator[tuple[int, Any]]:
-        """Derivatives of the time from event `i` to the next one, by columns."""
+        """Yield derivatives of the time from event `i` to the next, with the unknowns' numbers."""
         after = (i + 1) % self.events
         if self._phase_is_free(i):
             yield i, -1.0 / self.clock
@@ -120,7 +120,7 @@ class ShootingSolution(Passage):
         """Add the row of a divided difference."""
         begun = pair.first > i
         for j, by_state, by_time in divided.derivatives(self, i, pair):
-            # what began before the period began: all in terms of the period before
+            # the part of the time before the period's begin belongs to the period before
             factor = mu if begun and j <= i else 1.0
             out[i] += factor * (by_state @ changes[j])
             for column, part in self.lasts(j, mu):
@@ -128,9 +128,9 @@ class ShootingSolution(Passage):
 
     @cached_property
     def rounding(self) -> Array:
-        """What rounding may make of them, (m,), to first order."""
+        """Bounds (m,) of the rounding errors of the residual, to first order."""
         n, k, d = self.events, len(self.hits), self.dimension
-        # rows and sines are rounded, and phases
+        # rows, sines and phases are rounded
         own = np.empty(n + k + self.lap.states.size)
         moved = np.roll(self.moving, 1, axis=0)
         moved *= (self.event_phases / self.clock)[:, None]

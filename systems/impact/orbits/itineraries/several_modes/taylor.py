@@ -1,4 +1,4 @@
-"""Motions of several modes of structures whose energies are not quadratic: by Taylor's method."""
+"""Motions through several modes of structures with nonquadratic energies, by Taylor's method."""
 
 from __future__ import annotations
 
@@ -26,28 +26,28 @@ if TYPE_CHECKING:
     from dynkit.systems.impact.orbits.machine import Regimes
 
 _POINTS = 24
-"""Points of a step of Taylor's method at which what is watched is interpolated."""
+"""Number of Chebyshev points at which guards are interpolated in a step of Taylor's method."""
 
 _SMALL = 2.0**-50
-"""Of the largest term: a series whose last terms are smaller is summed."""
+"""A Taylor series is summed if its last two terms are below this fraction of its largest one."""
 
 _LEAST = 1e-4
-"""Turns of the phase over two pi: derivatives of divided differences are taken over no less."""
+"""Least duration, in radians of the phase, for derivatives of divided differences."""
 
 _NORM = 4.0
-"""Bound of the norm of a step's derivative: order 19 of a series whose terms fall to rounding."""
+"""Bound of the norm of the flow of one step: a series of order 19 whose last terms are rounding."""
 
 
 @final
 class TaylorSolution(ShootingSolution):
-    """The motion of an itinerary where flights are those of Taylor's method.
+    """The motion of an itinerary whose flights are computed by Taylor's method.
 
-    States (D,) are positions, velocities, sine and cosine of the phase, and 1, as of those that are
-    linear. Rows of gaps and of their rates are the same as well. What differs are the flights, with
-    their derivatives by variational equations, contact forces, and kicks where the mass varies.
+    States (D,) are those of linear flights: positions, velocities, positions of sliders, sine and
+    cosine of the phase, and 1. Rows of gaps and of their rates are the same as well. Flights, with
+    derivatives by variational equations, contact forces, and kicks of a varying mass are different.
 
-    With imaginary changes of the numbers of the machine it takes the changes of the numbers of
-    flights by modes.
+    If the machine's numbers have imaginary changes, `changes` are those of the numbers of flights,
+    by modes.
     """
 
     def __init__(
@@ -66,7 +66,7 @@ class TaylorSolution(ShootingSolution):
     def flights(self, mode: Regimes) -> TaylorFlights:
         return TaylorFlights(self.oscillator, self.machine, mode, self._changes.get(mode))
 
-    # --- on the way -------------------------------------------------------------------------------
+    # --- flights ----------------------------------------------------------------------------------
 
     def _flight(self, i: int, z: Array, lasts: Any) -> tuple[Array, Array]:
         if self.course.sticks and not self.durations[i].real > 0.0:
@@ -83,7 +83,7 @@ class TaylorSolution(ShootingSolution):
         ]
         return np.array(found)
 
-    # --- what is watched --------------------------------------------------------------------------
+    # --- guards between events --------------------------------------------------------------------
 
     def acceleration(self, i: int) -> tuple[float, float]:
         k = self.hits[i]
@@ -92,7 +92,7 @@ class TaylorSolution(ShootingSolution):
         return float(terms.sum()), ROUNDING * float(abs(terms).sum())
 
     def _path(self, i: int) -> tuple[Path, float]:
-        """The flight after event `i`, of its chatter contact, and for how long it is late."""
+        """The flight after event `i`, or after its chatter, and the duration of this chatter."""
         late = self._late(i)
         return self._modes[i].path(self.begun(i), float(self.durations[i]) - late), late
 
@@ -128,9 +128,9 @@ class TaylorSolution(ShootingSolution):
     # --- divided differences ----------------------------------------------------------------------
 
     def _series(self, j: int, i: int) -> tuple[Array, bool]:
-        """Taylor coefficients (k,) of the guard of event `i` as flight `j` begins.
+        """Taylor coefficients (k,) of the guard of event `i` at the begin of flight `j`.
 
-        And whether the end of the flight is near.
+        The second item says whether the series reaches the end of the flight.
         """
         if self.oscillator._elements[self.itinerary[i].element].curved:
             return self._series_along(j, i)
@@ -151,7 +151,7 @@ class TaylorSolution(ShootingSolution):
         return found, bool(terms[-2:].max() <= _SMALL * terms.max())
 
     def _series_along(self, j: int, i: int) -> tuple[Array, bool]:
-        """The same along a function of the coordinates."""
+        """As `_series`, for an element along a function of the coordinates."""
         flights: TaylorFlights = self._modes[j]
         k, watch = self.itinerary[i].element, divided.watch_of(self.oscillator, self.itinerary[i])
         gap, rate = flights.mode.series(k, flights.short(self.after[j]))
@@ -190,7 +190,7 @@ class TaylorSolution(ShootingSolution):
             moving = self.guard_at(i, self.reached[j])[1] @ self.moving[j]
             late = ((moving - begun) / t ** (q - 1) - q * value) / t
         least, end, flown = _LEAST / self.clock, self.reached[j], self.transitions[j]
-        if abs(t) < least:  # there it hardly depends on the duration
+        if abs(t) < least:  # the derivative hardly depends on so short a duration
             t = least
             end, flown = self._modes[j].passed(start, t)
         by_state = self.guard_at(i, end)[1] @ flown - self.guard_at(i, start)[1]
@@ -217,7 +217,7 @@ class TaylorSolution(ShootingSolution):
     # --- the motion -------------------------------------------------------------------------------
 
     def change(self, change: tuple[Array, Numbers]) -> Array | None:
-        """Their derivative (m,) by a change of all numbers."""
+        """Derivative (m,) of the residual by a change of all numbers."""
         modes = sorted({event.mode for event in self.itinerary})
         ends = np.cumsum([len(self.flights(mode).mode.numbers) for mode in modes])
         parts = dict(zip(modes, np.split(change[1].flights, ends[:-1]), strict=True))
