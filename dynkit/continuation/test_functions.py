@@ -104,18 +104,19 @@ def _period_doublings(before: Point, after: Point) -> int:
 
 
 def _several(passed: int, odd: bool) -> int:
-    """Return the number of bifurcations; the sign of a determinant says whether it is odd.
+    """Return the number of bifurcations: the count `passed` of multipliers, or 0 or 1.
 
-    Multipliers may also change through infinity.
+    `odd` is the parity from the sign of a determinant. The count is used only if it is above one
+    and has this parity, because multipliers may also change through infinity.
     """
     return passed if passed > 1 and passed % 2 == odd else int(odd)
 
 
 def _passed(before: Point, after: Point, side: float) -> int:
-    """Return how many real numbers of one sign pass the border in one direction within a step.
+    """Return how many real multipliers of one sign cross the border together within a step.
 
-    Such are the double ones of a symmetric system. They are as many as are outside more, otherwise
-    0 is returned.
+    The double multipliers of a symmetric system do. The count is 0 unless it equals the change of
+    the number of all multipliers beyond the border. For an equilibrium these are eigenvalues.
     """
     a, b = before.seen, after.seen
     values = [seen.spectrum[~seen.kind.inside(seen.spectrum)] for seen in (a, b)]
@@ -139,9 +140,9 @@ def _resonances(before: Point, after: Point) -> int:
 def _pairs(before: Point, after: Point) -> int:
     """Return the number of complex pairs that cross the border of stability within a step.
 
-    Where pairs become real, or real ones become complex, the sign of the product over i < j of
-    mu_i mu_j - 1 decides: it changes only when a pair is on the unit circle, or when two real
-    multipliers have the product one. For eigenvalues it is the product of sums.
+    Where pairs become real, or real multipliers become a pair, the sign of the product over i < j
+    of mu_i mu_j - 1 decides. It changes only when a pair is on the unit circle, or when two real
+    multipliers have the product one. For eigenvalues the factors are the sums of two of them.
     """
     a, b = before.seen, after.seen
     if a.pairs == b.pairs:

@@ -36,7 +36,7 @@ def kinds_of(
 ) -> list[str]:
     """Return whether orbits after each node but the last are stable, unstable or inadmissible.
 
-    They are as the adjacent point that is not itself a bifurcation.
+    These properties are those of an adjacent point that is not itself a bifurcation.
 
     Parameters
     ----------
