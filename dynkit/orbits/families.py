@@ -100,7 +100,7 @@ class FamilyProblem(Problem):
         return {f"unknown[{i}]": x[i : i + 1] for i in range(len(x))}
 
     def made(self, x: Array, history: Sequence[float], cost: Cost) -> FamilySolution:
-        """Return the solution with these unknowns; this problem has no free parameters."""
+        """Return the solution with these unknowns; the problem must not have free parameters."""
         return FamilySolution(self, x, history, cost)
 
     def solution(self, x: Array, p: Array, history: Sequence[float] = ()) -> Any:

@@ -22,9 +22,9 @@ TWO_PI = 2.0 * math.pi
 SHARE = 0.99
 """Share of the power that the harmonics counted by `OrbitLabel.harmonics` hold."""
 
-# Least number of intervals of a period for one harmonic.
+# Least number of sampling intervals of a period: fewer determine no harmonic.
 _FEWEST = 4
-# Largest number of intervals for counting harmonics.
+# Largest number of sampling intervals of a period for counting harmonics.
 _MOST = 1 << 17
 
 
