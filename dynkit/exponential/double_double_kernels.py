@@ -78,7 +78,7 @@ def fill_steps(
         for order in range(1, 26):
             _dd_matmul(term, scaled, product)
             for i in range(4):
-                # division by a small integer: the quotient, then that of the remainder
+                # division by a small integer: the quotient, then the quotient of the remainder
                 quotient = product[i] / order
                 p, e = two_product(quotient, float(order))
                 rest = ((product[i] - p) - e + product[4 + i]) / order
