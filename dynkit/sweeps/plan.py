@@ -25,8 +25,8 @@ from dynkit.labels.label import OrbitKind, OrbitLabel
 KIND = "sweep"
 
 _MOST_RUNS = 16
-"""Most runs in which a displaced motion may leave an orbit. With the default 800 states a run they
-suffice where the largest multiplier exceeds 1.0014 per state."""
+"""Largest number of runs in which a displaced motion may leave an orbit. With the default 800
+states a run they suffice where the largest multiplier exceeds 1.0014 per state."""
 
 
 @final
@@ -237,8 +237,9 @@ class Values(Points):
 class _Simulation:
     """Simulation of some values to rows; its plan holds only the first value, for the start.
 
-    `last` is the last state of the value before it, which need not be unpacked from the numbers of
-    the engine then. `system` is that of the last value, of which the next one may keep parts.
+    `last` is the value simulated last and its last state: the next task need not unpack this state
+    from the rows of the engine. `system` is the system at that value: the system at the next value
+    may reuse its parts.
     """
 
     plan: Plan
@@ -254,7 +255,7 @@ class _Simulation:
         start = self._start(before)
         for place, value in enumerate(values.tolist()):
             with located(f"at {plan.parameter} {value}"):
-                # a system at another value may know what does not depend on the parameter
+                # the system at the last value holds results that do not depend on the parameter
                 system = self.system = plan.system_at(value, self.system)
                 if plan.follow:
                     motion, displaced[place] = plan.following(system, start)

@@ -45,10 +45,10 @@ def basins(
     Chaotic motions are compared by their states. Two of them have the same attractor when at least
     half of 64 states of one, or of 1024 further ones, are on the attractor of the other. A state is
     on an attractor if it is not farther from the nearest of the attractor's 2000 states than the
-    third neighbour of that state is. Attractors
-    that are closer than this are not separated. Where chaos ends within these 2000 states, the
-    later motion decides. Quasi-periodic motions are compared in the same way, after as many states
-    as their labels examined.
+    third neighbour of that state is. Attractors that are closer than this are not separated. Where
+    chaos ends within these 2000 states, the start has the attractor of the later motion.
+    Quasi-periodic motions are compared in the same way, after as many states as their labels
+    examined.
 
     Motions without impacts are separated by the reasons of their endings.
 
