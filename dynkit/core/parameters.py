@@ -92,7 +92,7 @@ class Family(Extensible, Shown):
         return changed
 
     def _examine(self) -> None:
-        """Raise ValueError where only what follows from the values shows that they are refused."""
+        """Raise ValueError when quantities derived from the values show that they are invalid."""
 
 
 @lru_cache
@@ -103,7 +103,7 @@ def cached_in(kind: type) -> frozenset[str]:
 
 
 def without_cached(instance: object) -> dict[str, Any]:
-    """Return the attributes of an object that are no cached properties, for pickle."""
+    """Return the attributes of an object without its cached properties, for pickle."""
     kind: Any = type(instance)
     return {name: v for name, v in vars(instance).items() if name not in cached_in(kind)}
 

@@ -247,7 +247,7 @@ def within_memory(name: str, value: int, size: float) -> int:
     Raises
     ------
     ValueError
-        When the machine has less memory; nothing has been allocated then.
+        When the machine has less memory; the error comes before any allocation.
 
     Examples
     --------
