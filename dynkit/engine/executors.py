@@ -21,7 +21,8 @@ _Task = TypeVar("_Task")
 _Result = TypeVar("_Result")
 
 IN_FLIGHT = 1024
-"""Most tasks submitted to an executor at a time: enough for many workers, in little memory."""
+"""Largest number of tasks that an executor has at a time: enough for many workers, in little
+memory."""
 
 
 class WorkerLost(RuntimeError):
@@ -58,7 +59,7 @@ def finished(
         Without an executor it is called in this process, in the order of the tasks. With one, the
         callable, the tasks and the results must be picklable.
     tasks : iterable
-        It is read as far as tasks are begun.
+        A task is taken from it only when the task is about to begin.
     executor : Executor or None
 
     Raises
@@ -180,7 +181,7 @@ class _Pickler(pickle.Pickler):
 
 
 def _same_class(sent: bytes, code: str) -> Any:
-    """The class of a pickled name; TypeError where its methods differ from those of the sender."""
+    """Return the class of a pickled name; TypeError when its code differs from the sender's."""
     found = pickle.loads(sent)
     if code_of(found) != code:
         raise TypeError(
