@@ -91,5 +91,5 @@ def _with_amplitude(returns: PoincareMap, guess: Array, along: Array) -> Array:
 def crossing(mode: Any, normal: Array) -> Array:
     """Return Re(mode exp(i omega t)), (d,), at the time when it crosses a plane."""
     across = complex(normal @ mode)
-    # the rate of its distance from the plane is then largest, along the normal
+    # at this time the distance from the plane is zero, and its rate along the normal is largest
     return np.asarray((mode * (-1j * across.conjugate() / abs(across))).real)
