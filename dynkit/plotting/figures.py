@@ -37,7 +37,7 @@ DOTS: dict[str, Any] = {"linestyle": "none", "marker": "o", "markeredgewidth": 0
 
 @cache
 def _journal() -> Mapping[str, Any]:
-    """Return the settings of the style ``dynkit.plotting.journal`` for what figures contain."""
+    """Return the settings of the style ``dynkit.plotting.journal`` for the content of figures."""
     from matplotlib import rc_params_from_file
 
     file = Path(__file__).with_name("journal.mplstyle")
