@@ -42,7 +42,8 @@ from dynkit.core.validation import (
 from dynkit.dynamics.attractor import Attractor
 
 _BATCHES, _WATCHED, _ITERATES = 64, 4096, 2048
-"""Largest numbers of batches for errors, for changes of regime, and of iterates."""
+"""Largest numbers of batches: for errors, for tests of a change of regime, and for logarithms of
+iterates."""
 
 _CHUNK = 1 << 18
 """Number of samples in time that are computed together."""
@@ -256,7 +257,7 @@ class RunningPOD(Running):
             _averages=Averages(products, sums, durations, *errors, self.cost),
             change=self._watched.change,
         )
-        found.matrix  # noqa: B018  # raises where nothing moves
+        found.matrix  # noqa: B018  # raises ValueError for a motion at rest
         return found
 
 
@@ -265,13 +266,13 @@ class RunningExponents(Running):
     """Lyapunov exponents; the result is a `LyapunovSpectrum`.
 
     The frame of directions, and the state to which it belongs, continue from block to block. They
-    follow a motion of their own from the first state on, for as many iterates as there are states.
-    In chaos rounding may separate it from the motion of the blocks.
+    follow a separate motion from the first state on, for as many iterates as there are states. In
+    chaos rounding may separate this motion from the motion of the blocks.
 
     Parameters
     ----------
     settling : int
-        Number of iterates that are left out at first, in which the frame aligns itself.
+        Number of first iterates that are left out, in which the frame aligns itself.
 
     Examples
     --------

@@ -22,8 +22,8 @@ import numpy as np
 from dynkit.analysis.dimension.counting import Counts
 from dynkit.core.validation import Array
 
-_FEWEST = 16
-_LAGS = 500
+_FEWEST = 16  # least number of blocks for a variance
+_LAGS = 500  # largest number of lags that are counted
 
 
 def standard_errors(pairs: Counts, shares: Counts, weights: Array) -> Array:

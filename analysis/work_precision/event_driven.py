@@ -157,8 +157,8 @@ def smallest_bounce(model: ImpactModel, tolerance: float) -> float:
 def weakest_bounce(table: float, velocity: Array, tolerance: float) -> float:
     """Return the relative velocity below which a mass sticks; its square is about the tolerance.
 
-    It is above rounding: a bounce of 1e-6 of the table's velocity rises by about 1e-13 of the
-    table's amplitude.
+    In units of the table's velocity it is at least 1e-6, which is above rounding: such a bounce
+    rises by about 1e-13 of the table's amplitude.
 
     Parameters
     ----------

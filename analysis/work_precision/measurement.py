@@ -48,8 +48,8 @@ class Measurement:
     starts, lost : int
         Number of simulated starts, and of those with a missed or invented impact.
     impacts, missed, invented : int
-        Number of exact impacts and releases of these starts, of those that were not found, and of
-        found ones that do not exist.
+        Numbers of exact impacts and releases of these starts, of exact ones that were not found,
+        and of found ones that do not exist.
     reference : float
         Error of the exact impacts: a smaller `error` is not significant.
     remark : str
