@@ -334,8 +334,8 @@ class LyapunovSpectrum(Saved):
     def _dimension(self) -> tuple[float, float]:
         values, errors = self._exponents_of(lambda exponents, _: exponents, self._accuracy)
         count = int(np.isfinite(values).sum())
-        # exponents that are zero within their errors count as zero, as for tori and limit cycles;
-        # not where the errors cover two regimes
+        # exponents that are zero within their errors count as zero, as for tori and limit cycles,
+        # unless the errors cover two regimes
         zero = (abs(values) <= 2.0 * errors)[:count] & (self.change is None)
 
         def dimension(exponents: Array, _: Array) -> Array:

@@ -42,7 +42,7 @@ class _Slot(NamedTuple):
 
 @final
 class Measures(Mapping[str, Any]):
-    """The results of `measure`, by name; each is computed from what has been accumulated.
+    """The results of `measure`, by name; each is computed from the accumulated sums when read.
 
     Attributes
     ----------
@@ -155,7 +155,7 @@ def measure(
 ) -> Measures:
     """Measure the blocks of a stream in one pass, in the memory of one block.
 
-    A store keeps what has been accumulated, and the state from which the motion continues. It is
+    A store keeps the accumulated sums, and the state from which the motion continues. It is
     written at intervals, and at the end also after an error; other processes can read it at any
     time. If the run is interrupted, the same call continues it, with the same bits as without the
     interruption. A stream with a larger `keep` continues a finished one.

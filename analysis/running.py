@@ -85,7 +85,7 @@ class Running(Extensible, ABC):
         Raises
         ------
         ValueError
-            When the block is not an attractor with states, or lacks what is measured.
+            When the block is not an attractor with states, or does not have the measured quantity.
         NoMotion
             When the motion ends.
         """
@@ -365,7 +365,7 @@ class RunningSpectrum(Running):
         step, lasted = axis.interval / axis.finer, block.duration
         count = max(math.ceil((lasted - self._next) / step), 0)
         while count and self._next + step * (count - 1) >= lasted:
-            count -= 1  # rounding
+            count -= 1  # because of rounding one sample may lie beyond the block
         for low in range(0, count, _CHUNK):
             numbers = np.arange(low, min(low + _CHUNK, count), dtype=np.float64)
             values = block.time_series(self._next + step * numbers)[:, axis.coordinate]

@@ -204,7 +204,7 @@ class PowerSpectrum(Saved):
         values, at = self._samples[0], self._finer * self.change.at
         if min(at, len(values) - at) < self._length:
             return math.inf
-        # without the density at frequency zero, which subtraction of means removes
+        # leave out the density at frequency zero, which subtraction of means removes
         whole = self.density[1:]
         regimes = [self._density(part)[1 : len(whole) + 1] for part in (values[:at], values[at:])]
         apart = [abs(regime - whole)[whole > 0.0] / whole[whole > 0.0] for regime in regimes]
@@ -244,7 +244,7 @@ class PowerSpectrum(Saved):
         parts = np.lib.stride_tricks.sliding_window_view(values, n)[:: n - n // 2]
         lines = np.fft.rfft(w * (parts - parts.mean(axis=1, keepdims=True)))
         density = (abs(lines) ** 2).mean(axis=0) * (self._step / (math.pi * float(w @ w)))
-        density[[0, -1] if n % 2 == 0 else 0] /= 2.0  # all others stand for two frequencies
+        density[[0, -1] if n % 2 == 0 else 0] /= 2.0  # all others include the negative frequency
         return np.asarray(density)
 
     @property

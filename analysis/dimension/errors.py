@@ -87,7 +87,7 @@ def error_by_lags(
     points, turns : (n, d) and (d,) arrays
         As for `dynkit.analysis.dimension.counting.count`.
     lags : (m,) array of int
-        All lags that count. Of more than 500, a random choice represents them.
+        All lags that count. If there are more than 500, a random choice represents them.
     euclidean : bool
     """
     from dynkit.analysis.dimension.correlation_kernels import count_of_lag

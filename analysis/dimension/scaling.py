@@ -26,7 +26,8 @@ _PITCH = np.log(2.0) / STEPS  # step of ln r
 _PARTS = 4  # a scaling region is divided into quarters
 _LOCAL = STEPS // 2  # steps of a local slope: half an octave
 _FEWEST_PAIRS = 30  # fewer have no reliable logarithm
-# a finite set: least ratio of radii over which the sum is flat, to a fraction; visits per point
+# a finite set: least ratio of radii over which the sum is flat; largest relative change of a flat
+# sum; least number of visits per point
 _FLAT_RATIO, _FLAT, _VISITS = 100.0, 0.01, 10
 # Rounding to a grid changes a distance by half a step. At 8 steps ln r changes by 1/16: the slope
 # of a region of 4:1, the default least ratio, changes by 1 / 16 / ln 4 = 4.5 %, less than
@@ -209,7 +210,7 @@ def takens(sums: CorrelationSums, region: ScalingRegion) -> Estimate:
     statistical, *errors = standard_errors(
         pairs, shares, np.vstack([weights[-1], weights - weights[-1]])
     )
-    expected = (1.0 + np.sqrt(2.0)) * np.square(errors)  # and the standard error of one square
+    expected = (1.0 + np.sqrt(2.0)) * np.square(errors)  # mean and standard error of a square
     square = float(((values - values[-1]) ** 2 - expected).max())
     shift = np.sqrt(max(square, 0.0)) / (1.0 - region.ratio**-0.5)
     error = np.hypot(np.hypot(statistical, shift), region.drift)

@@ -17,7 +17,7 @@ from dynkit.core.validation import Array
 # dimensions, whose sums bend everywhere, would look straight.
 _PARTS = 0.1, 0.2
 _ROUNDING = 2.0**-42  # smallest distance above rounding, relative to the largest coordinate
-_LEAST_SPAN = 128.0  # least ratio of radii, also when all states are one point
+_LEAST_SPAN = 128.0  # least ratio of the largest radius to the rounding of the states
 
 
 def search_scaling(

@@ -87,7 +87,7 @@ def matched(found: Array, exact: Array, near: float) -> tuple[NDArray[np.intp], 
     saved = near * (1.0 + min(apart.shape))
     ours, theirs = linear_sum_assignment(np.where(apart <= near, apart - saved, 0.0))
     paired = apart[ours, theirs] <= near
-    # the order of time gives the smallest largest distance
+    # pairs in the order of time have the smallest largest distance
     return ours[paired], np.sort(theirs[paired])
 
 

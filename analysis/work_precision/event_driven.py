@@ -34,7 +34,7 @@ class Integrator(ABC):
     def fly(
         self, time: float, state: Array, end: float, flight: float
     ) -> tuple[float, Array, bool]:
-        """Fly freely to the next impact or to the end; return time, state (2N,), whether it hit.
+        """Fly freely to the next impact or to the end; return time, state (2N,), whether it hits.
 
         ``flight`` is an estimate of the duration, or infinite.
         """

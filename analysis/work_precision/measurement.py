@@ -88,7 +88,7 @@ class Measurement:
 
     @property
     def known_error(self) -> str:
-        """The error as text: less than that of the exact impacts where it is smaller."""
+        """The error as text; below the error of the exact impacts, this upper limit."""
         if math.isnan(self.error):
             return "-"
         within = self.error < self.reference

@@ -145,7 +145,7 @@ def value_of(text: str) -> Any:
     >>> value_of("(1.5, 'above', (inf,))"), value_of("HardStop(2, offset=0.5)").offset
     ((1.5, 'above', (inf,)), 0.5)
     """
-    closed = _CLOSING.sub(lambda found: found[1] or ",)", text)  # "(1.0)" is a tuple
+    closed = _CLOSING.sub(lambda found: found[1] or ",)", text)  # "(1.0)" means a tuple
     try:
         return _read(ast.parse(closed, mode="eval").body)
     except SyntaxError as fault:

@@ -268,7 +268,7 @@ class Continuation:
             if not self._is_same(before, guess, point):
                 return _NEAR_REPETITION, None
             inwards = point.tangent[index] * (1.0 if value == bound.low else -1.0)
-            if inwards > _LEVEL:  # the curve has returned to the bound, over a fold
+            if inwards > _LEVEL:  # the curve has crossed the bound, and returned over a fold
                 break
             left = self._left(point)
             if left is None:
@@ -294,7 +294,10 @@ class Continuation:
 
 
 def _slope(a: float, b: float, way: float, part: float) -> float:
-    """Slope, at a part of the step, of the cubic with two slopes at its ends."""
+    """Return the slope, at a fraction of the step, of the cubic with slopes a and b at its ends.
+
+    `way` is the change of the cubic over the step.
+    """
     return a + part * (2.0 * (3.0 * way - 2.0 * a - b) + 3.0 * part * (a + b - 2.0 * way))
 
 

@@ -30,7 +30,7 @@ from dynkit.orbits.newton import NoConvergence, NoSolution
 from dynkit.orbits.problem import PeriodicOrbit
 from dynkit.orbits.search import OrbitSearch
 
-# Most points of a branch in each direction.
+# Largest number of points of a branch in each direction.
 _POINTS = 4000
 # Exceptions that leave an orbit or a bifurcation unexplored; the network reports them.
 _REFUSALS = (NoSolution, NoConvergence, NoMotion)

@@ -30,8 +30,8 @@ _MARGIN = 4.0
 # Differences do not converge if their error is above this fraction of the slope: for a smooth
 # function the error falls by many digits.
 _UNSETTLED = 0.25
-# A slope near zero is accepted if its error is below that from the errors of the values at the
-# fifth step, which is a sixteenth of the first.
+# A slope near zero is accepted if its error is below that of a difference quotient at the fifth
+# step, a sixteenth of the first, which follows from the errors of the values.
 _BLUR = _MARGIN * 16.0
 
 
@@ -176,7 +176,7 @@ def numerical_derivative(
         scale = max(abs(value), _TENTH * size) or 1.0
         with np.errstate(over="ignore", invalid="ignore", divide="ignore"):
             slope, off, steep = _derivative(along, value, scale, center, size, accuracy, difference)
-        # where values and point are zero there is no other rounding error than that of the slope
+        # if values and point are zero, the only rounding error is that of the slope
         derivative[:, k], error[:, k] = slope, _MARGIN * off + accuracy * abs(slope)
         blur = _BLUR * accuracy ** (_ORDER / (_ORDER + 1.0)) * size / scale
         if error[:, k].max() > max(_UNSETTLED * max(abs(slope).max(), steep), blur):

@@ -46,7 +46,7 @@ def _private(folder: Path) -> bool:
         folder.mkdir(mode=0o700, parents=True, exist_ok=True)
         with tempfile.TemporaryFile(dir=folder):
             pass
-        if sys.platform == "win32":  # a user's own folders are closed to others there
+        if sys.platform == "win32":  # other users cannot write to a user's folders there
             return True
         found = folder.stat()
     except OSError:
@@ -68,7 +68,9 @@ def _kernel_sources() -> list[Path]:
 
 @cache
 def cache_folder() -> Path:
-    """Folder of the compiled kernels, named after a hash of their sources and Numba's version.
+    """Return the folder of the compiled kernels, named after a hash of their sources.
+
+    The hash also covers Numba's version.
 
     The base is ``NUMBA_CACHE_DIR`` where it is set, otherwise the user's cache folder. Where others
     may write to that folder, or the user may not, it is a temporary folder of this process.

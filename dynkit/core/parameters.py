@@ -53,7 +53,7 @@ class Family(Extensible, Shown):
     def identity(self) -> Mapping[str, object]:
         """Everything that the motion depends on, by name; stores compare it.
 
-        Of a class outside of this package, `code` is a digest of its code.
+        For a class outside of this package, `code` is a digest of its code.
         """
         instance: Any = self  # is_dataclass would narrow the type
         own = {"code": digest} if (digest := code_of(type(self))) else {}
@@ -119,7 +119,7 @@ def _make_dataclass(cls: type) -> None:
 
 
 def _refuse_hiding(cls: type) -> None:
-    """Refuse fields of a class that hide what its bases compute, such as a matrix `stiffness`."""
+    """Refuse fields of a class that hide a method or property of its bases, such as `stiffness`."""
     for name, annotation in inspect.get_annotations(cls).items():
         base = next((base for base in cls.__mro__[1:] if name in vars(base)), object)
         hidden = vars(base).get(name)

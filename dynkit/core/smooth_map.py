@@ -166,7 +166,7 @@ class SmoothMap(Family, ABC):
         return given == (SmoothMap.jacobian, SmoothMap.jacobian_factors)
 
     def _differences(self, state: Array) -> tuple[Array, Array]:
-        """The jacobian, (d, d), by differences, and its error."""
+        """Return the jacobian, (d, d), by differences, and its error, (d, d)."""
         here = finite_array("state", state, (self.dimension,))
         return numerical_derivative(
             self.image, here, accuracy=self.accuracy, difference=self.difference

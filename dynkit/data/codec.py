@@ -68,8 +68,8 @@ def decoded(
 ) -> Any:
     """Return the value of an annotated type from the tree and the arrays of `encoded`.
 
-    `given` is the object of `_given`. Its ``_solutions`` are the classes that the annotation of
-    an abstract class or a protocol may stand for.
+    `given` is the object of `_given`. Its ``_solutions`` are the classes of objects that may be
+    annotated by an abstract class or a protocol.
 
     Raises
     ------

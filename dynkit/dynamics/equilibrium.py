@@ -29,8 +29,8 @@ _PERIODS = 10.0
 # differs from 2 pi i / period by at most _SMALL, relative. _SHOWN is the number of samples of each
 # return, from which its middle and its size are computed.
 _SMALL, _SHOWN = 1e-5, 33
-# Smallest amplitude of an oscillation relative to the size of the state: rounding dominates the
-# return map below it.
+# Smallest amplitude of an oscillation, relative to the size of the state: below it rounding
+# dominates the return map.
 _LEAST = 1e-4
 
 

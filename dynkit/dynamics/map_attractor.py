@@ -30,7 +30,8 @@ if TYPE_CHECKING:
 
     from dynkit.orbits.map_orbit import MapOrbit
 
-# Largest relative distance of a motion that still settles to the periodic orbit found from it.
+# Largest distance, relative to the size of the states, from a motion that still settles to the
+# periodic orbit that Newton's method finds from it.
 _NEARBY = 0.1
 # Number of disturbed runs for the error, and the least relative size of their disturbances.
 _TWINS, _ROUNDINGS = 3, 4.0 * 2.0**-52

@@ -221,7 +221,7 @@ class PoincareMap(Map):
                 )
         if isinstance(self.section, Stroboscope):
             rate = float(self.flow.velocity(start)[-1])
-            if rate < 0.0:  # the sine of the phase then rises half a period from the flashes
+            if rate < 0.0:  # the section's value would then rise half a period from the flashes
                 raise Refused(
                     "the phase, the last coordinate, must grow for a Stroboscope; "
                     f"got the rate {rate:.6g} at {start.tolist()}"

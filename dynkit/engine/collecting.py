@@ -92,7 +92,7 @@ def _go_on(
                 keeper.write_when_due()
             if shown:
                 written = bar.update(len(rows.texts["ending"]))
-                # a note may cost more than its point
+                # only when the bar is drawn: a note may cost more than its point
                 if rows.note is not None and (written or findings.done.all()):
                     bar.set_postfix_str(rows.note())
 

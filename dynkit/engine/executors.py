@@ -92,7 +92,7 @@ def finished(
             ready = [ended.get()]
             while not ended.empty():
                 ready.append(ended.get())
-            ready = [future for future in ready if future in waiting]  # others were cancelled
+            ready = [future for future in ready if future in waiting]  # without cancelled ones
             for number, future in sorted((waiting.pop(future), future) for future in ready):
                 outcome = outcome_of(future)
                 if outcome.error is None:
@@ -192,7 +192,7 @@ def _same_class(sent: bytes, code: str) -> Any:
 
 
 def perform(packed: bytes, sent: bytes) -> Outcome[Any]:
-    """Do one packed task of packed work; workers call it."""
+    """Run a packed task of packed work, and return its outcome; workers call this function."""
     try:
         work, task = _unpacked(packed), pickle.loads(sent)
     except Exception as error:  # of any kind: a worker may import another version of the module

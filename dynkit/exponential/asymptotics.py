@@ -93,7 +93,7 @@ class Responses:
 
 
 def _steady(own: Array, drive: Array, push: Array) -> Array | None:
-    """Return the solution S of S Omega = G S + push; None where there is none."""
+    """Return the solution S of S Omega = G S + push; None where no solution exists."""
     unit = np.eye(2)
     try:
         system = np.kron(unit, drive.T) - np.kron(own, unit)

@@ -129,7 +129,7 @@ def leap(
         if ladder.grows:
             band = max(band, now)
         elif links.shape[0] == 0:
-            # rounding errors decay with the terms
+            # the rounding errors of uncoupled terms decay with the terms
             band = min(band, now)
         value, rate, second, new_value, new_rate, new_second, error, apart = _look_over(
             cell, rows, j, states, current

@@ -141,7 +141,7 @@ class Pairs:
         return found
 
     def spans(self, slot: int, *frequencies: float) -> bool:
-        """Return whether the rates of all other pairs include slower and faster ones than these."""
+        """Return whether other pairs have both slower and faster rates than these frequencies."""
         low, high = self._span(slot)
         return low <= min(frequencies) and max(frequencies) <= high
 
@@ -271,7 +271,7 @@ class Pairs:
 
     def _together(self, norm: Array) -> Array:
         """Return the norm (n,) of each pair's cluster from the norms of pairs."""
-        largest = np.zeros(self.count)  # a scale: squares may underflow
+        largest = np.zeros(self.count)  # scale of each cluster: squares may underflow
         np.maximum.at(largest, self._clusters, norm)
         unit = np.where(largest > 0.0, largest, 1.0)
         squares = (norm / unit[self._clusters]) ** 2
@@ -318,7 +318,7 @@ class Pairs:
 
     @kept
     def _larger(self, window: float | Array) -> Array:
-        """Bounds of coupled parts by their sizes at the start, for one or several windows."""
+        """Return bounds of coupled parts by their initial sizes, for one or several windows."""
         assert self._parts is not None
         return _majorant(*self._parts[1:], window)
 

@@ -46,7 +46,7 @@ def polish(c: Array, first: int, e: float, low: float, high: float) -> tuple[int
         change = trial - e
         # the change of the next Newton step is about (curvature / rate) change^2 / 2
         second = 2.0 * abs(c[first + 2]) + 6.0 * abs(c[first + 3]) * e
-        # a change longer than the root itself keeps the rounding of the previous point
+        # after a change longer than the root the new point keeps the rounding of the old one
         if abs(change) <= trial and second * change * change <= -EPSILON * rate * trial:
             e = trial
             break

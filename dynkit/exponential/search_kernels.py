@@ -306,7 +306,7 @@ def first_root(
                 slope = new_slope
                 second = new_second
                 if j < top and low > 32.0 * error:
-                    # do not try a leap that would fail
+                    # a longer cell beyond `smooth` only if its certificate may hold
                     j += j < ladder.smooth or value + 0.8 * h * slope > band
                 passed += 1
                 if passed & 15 == 0:

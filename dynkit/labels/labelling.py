@@ -48,7 +48,8 @@ class Window:
         since the beginning of the window: the largest error of a coordinate, relative to the size,
         or of the phase. None for exact releases.
     given_up : bool
-        Whether the search for the next state was given up, where there are fewer than asked for.
+        Whether the search for the next state was given up, if there are fewer states than
+        requested.
     resolves : callable or None
         Function of n that returns whether the map is nearly linear over the distances of the
         states to their counterparts in the last n ones. Otherwise these distances may be those of a
@@ -119,8 +120,9 @@ def label_orbit(
       ends it. Therefore the error of the release a period later must also be within the tolerance.
     - A motion that settles geometrically gets the label of the orbit that it approaches, when the
       ratio of its decay is below 1 by five standard errors, the decay does not slow down, and the
-      extrapolated orbit is within 100 tolerances (1e-2 when the budget ends). The orbit must also
-      be stable or unstable for certain, where there are derivatives: see `with_multiplier`.
+      extrapolated orbit is within 100 tolerances (1e-2 when the budget ends). If the map has
+      derivatives, it must also be certain that the orbit is stable, or that it is unstable: see
+      `with_multiplier`.
     - After 800 states, a motion that neither recurs nor settles is chaotic when disturbances grow
       exponentially: their mean growth minus three standard errors is positive, and their total
       growth exceeds that of the square of time. The `chance` is the p-value of Student's t of 16

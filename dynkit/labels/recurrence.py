@@ -130,7 +130,7 @@ class Recurrences:
         likely = np.flatnonzero(self.from_last[: self.count // REPETITIONS] <= tolerance) + 1
         if not len(likely):
             return None
-        # while a motion settles its first state has the largest distance: most n fail there
+        # compare the first state first: while a motion settles it has the largest distance
         first = self.distances(self._counterparts(0, likely), np.zeros_like(likely))
         for n in likely[first <= tolerance].tolist():
             if self.spread(n) <= tolerance:

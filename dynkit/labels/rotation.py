@@ -12,10 +12,11 @@ from dynkit.labels.recurrence import Recurrences
 
 # Least number of states on a curve: half of them must define the curve as well.
 _FEWEST = 256
-# A state is predicted by the polynomial, of degree five, through three neighbours on either side.
+# Offsets of the neighbours from which a state is predicted, by a polynomial of degree five.
 _NEIGHBOURS = (-3, -2, -1, 1, 2, 3)
-# All states must be predicted better than half of the states by this factor (a smooth curve gives
-# 64), or to this fraction of the tolerance. Widest gap of half of the states, in turns.
+# The predictions from all states must be better than those from half of the states by the factor
+# _GAIN (a smooth curve gives 64), or good to _FLOOR times the tolerance. _WIDEST is the widest gap
+# between half of the states, in turns.
 _GAIN, _FLOOR, _WIDEST = 4.0, 1e-3, 1.0 / 16.0
 # The widest gaps, one of every _ARC, must not cover more than half of the circle. Where states pass
 # slowly by a periodic orbit, or settle on it, they lie on short arcs with such gaps between them.

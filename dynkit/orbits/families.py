@@ -281,7 +281,7 @@ def find_solution(problem: FamilyProblem, guess: Any) -> FamilySolution:
     x, history = solve(
         fixed, finite_array("guess", guess, (fixed.size,)), _NONE, what=f"no {fixed.label}"
     )
-    # set unknowns below their error to zero: rounding errors must not become scales
+    # set unknowns below their error to zero: otherwise rounding errors would become scales
     cleared = np.where(abs(x) <= orbit_bound(fixed, x, _NONE), 0.0, x)
     if abs(fixed.residual(cleared, _NONE)).max() <= history[-1]:
         x = cleared

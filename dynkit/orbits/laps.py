@@ -27,7 +27,8 @@ from dynkit.orbits.map_calls import MapCalls, Spent
 CELLS = 1024
 """Cells of the grid for turning points: two turning points in one cell may be missed."""
 
-# Closer solutions of one equation are not separated: between them the residual is below rounding.
+# Solutions of one equation that are closer than this, relative to the interval, are not separated:
+# between them the residual is below rounding.
 _APART = 2.0**-26
 # Least width of a cell relative to the interval: narrower cells contain a jump or a corner.
 _NARROW = 2.0**-46

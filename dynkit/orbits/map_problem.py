@@ -23,7 +23,7 @@ from dynkit.orbits.spectrum import Spectrum
 
 TURN = 2.0 * np.pi
 
-# Largest difference of equal states, in units of their size.
+# States that differ by at most this, in the units of the equations, are equal.
 _REPEATED = 1e-7
 
 # For the test of a family: a derivative whose singular values have a ratio up to _SINGULAR may be

@@ -73,7 +73,7 @@ class Equations(ABC):
     def linearization_error(self, y: Array) -> Any:
         """Return the error beyond rounding of the derivative's first m rows and columns, (m, m).
 
-        Zero where there is none.
+        Zero for a derivative with rounding errors only.
         """
 
     def corrected(

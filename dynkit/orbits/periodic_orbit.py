@@ -84,7 +84,7 @@ def _guessed(system: SmoothMap, guess: Any, period: int | None) -> Array:
     d = system.dimension
     if _is_one_state(guess):
         n = 1 if period is None else positive_integer("period", period)
-        # n d equations for as many unknowns, solved in a copy
+        # two square matrices, of n d equations for as many unknowns
         within_memory("period", n, 2.0 * 8.0 * (float(n) * d) ** 2)
         start = finite_array("guess", guess, (d,))
         try:
@@ -115,7 +115,7 @@ def _solved(system: SmoothMap, states: Array) -> tuple[Array, tuple[float, ...]]
         raise NoConvergence(
             f"{failure}; for period {len(states)} from {states[0].tolist()} of {system!r}"
         ) from failure
-    # set coordinates below rounding to zero: rounding errors must not become scales
+    # set coordinates below rounding to zero: otherwise rounding errors would become scales
     cleared = np.where(abs(x) < 2.0**-52 * problem.scale(x), 0.0, x)
     if abs(problem.residual(cleared, _NONE)).max() <= history[-1]:
         x = cleared

@@ -29,12 +29,14 @@ _Orbit = TypeVar("_Orbit", bound="PeriodicOrbit")
 
 # Largest distance of an orbit's states from the box, in widths of the box.
 _BESIDE = 3.0
-# Most dimensions for a covering by cells, which have 2^d corners; others are searched from random
-# guesses.
+# Largest number of dimensions for a covering by cells, which have 2^d corners; maps of more
+# dimensions are searched from random guesses.
 _COVERED = 3
-# Number of random guesses; iterates of each; close returns of each that are tried for a period.
+# Number of random guesses; number of iterates of each guess; number of close returns among these
+# from which Newton's method starts, for each period.
 _GUESSES, _ITERATES, _RETURNS = 20, 200, 5
-# Orbits whose states agree to this, relative to their size, are equal, as in `periodic_orbit`.
+# Orbits whose states differ by at most this, relative to their size, are equal, as in
+# `periodic_orbit`.
 _SAME = 1e-7
 # A period is resolved when _STILL successive halvings of the cells found no more orbits, but not
 # before level _LEAST_LEVEL: from the coarsest coverings Newton's method seldom converges.

@@ -66,7 +66,7 @@ class Plan:
         return (self.parameter,)
 
     def system_at(self, value: float, known: Map | None = None) -> Map:
-        """Return the system at a value, from one at another value where that is known."""
+        """Return the system at a value, made from the system `known` at another value, if given."""
         system = known or self.system
         if system is None:
             raise ValueError("system must be given to load a sweep that is to simulate; got None")
@@ -97,7 +97,7 @@ class Plan:
         label = motion.label_within(self.keep)
         if label.kind not in (OrbitKind.PERIODIC, OrbitKind.STICKING) or label.stable:
             return motion, False
-        # the geometric mean of the relative error of one iterate and of the size of the motion
+        # geometric mean of the error of an iterate, relative to the motion's size, and of that size
         size = math.sqrt(system.accuracy)
         away = system.displaced(motion, size)
         for _ in range(self._runs_to_leave(label, size)):

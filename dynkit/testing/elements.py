@@ -246,7 +246,7 @@ def check_element(element: Any, machine: Any) -> None:
     Raises
     ------
     AssertionError
-        Naming what is required and what was found.
+        The message names the requirement and the finding.
 
     Examples
     --------

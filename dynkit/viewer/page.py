@@ -74,7 +74,7 @@ class Page:
         Lines by their look; NaN separates them.
     cells : Cells, optional
     notes : sequence of str
-        What a reader of the page must know.
+        Notes to the reader, shown on the page.
     series : sequence of Series
     nearest : (p,) array of int
         The number of the time series nearest to each point; -1 without one.

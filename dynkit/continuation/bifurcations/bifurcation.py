@@ -146,7 +146,7 @@ class Bifurcation(Tabled):
 
     @property
     def rotation_error(self) -> float | None:
-        """To first order a bound on the error of `rotation_number`; None where that is None."""
+        """To first order a bound on the error of `rotation_number`; None without such a number."""
         if self.kind == BifurcationKind.RS:
             return 0.0
         return None if self.rotation_number is None else float(self.own_error[0] / (2.0 * np.pi))

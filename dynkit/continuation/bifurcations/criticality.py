@@ -28,7 +28,8 @@ _FIRST = 0.1
 _MARGIN, _DERIVATIVES = 4.0, 1e3
 # Largest difference between the critical multiplier and that of the return map.
 _SAME = 1e-6
-# Closer to a resonance of order up to four, mu^k = 1, cubic terms do not determine the criticality.
+# A multiplier with abs(mu^k - 1) below this, k = 1 to 4, is at a strong resonance: cubic terms do
+# not determine the criticality.
 _RESONANT = 1e-6
 
 
@@ -116,7 +117,7 @@ def criticality(place: Place, value: complex, form: NormalForm, sign: int) -> Cr
     began = time.perf_counter()
     x, p, kind = place.y[:-1], place.y[-1:], place.problem.stability
     if kind is Spectrum.CONSERVATIVE:
-        return None  # two multipliers meet at the critical one: these normal forms assume one
+        return None  # two multipliers become critical together: these normal forms assume one
     spectrum = np.asarray(place.problem.spectrum(x, p))
     if np.count_nonzero(abs(spectrum - value) < _SAME * max(1.0, abs(value))) > 1:
         return None  # several critical multipliers, as in a symmetric system

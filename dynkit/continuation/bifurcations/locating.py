@@ -35,12 +35,12 @@ _WITHIN = (1e-6, 1e-9), 2.0
 # Tolerances of `beside` that exclude both ends of the step. They apply in the first _DOUBTED
 # divisions, because a solution at an end may be the bifurcation of the adjacent step.
 _INSIDE, _DOUBTED = ((-1e-6, -1e-9), 2.0), 4
-# Least abs(sin theta) of NS.
+# Least abs(sin theta) of NS: below it the multipliers are nearly real.
 _FLAT = 1e-3
 # Largest error of a located bifurcation, relative to the range of the parameter.
 _UNSURE = 1e-5
-# Largest distance of multipliers on the unit circle, or eigenvalues on the imaginary axis: double
-# ones have large rounding errors.
+# A multiplier is on the unit circle, or an eigenvalue on the imaginary axis, if its distance is
+# below this: double multipliers have large rounding errors.
 _ON_BORDER = 1e-5
 _PAIRS = (BifurcationKind.NS, BifurcationKind.HB)
 # A step is divided beside the extrapolated zero of an event, by this fraction of the distance to
@@ -49,8 +49,8 @@ _ASIDE = 0.02
 # Fractions of a step at which it is divided, in the order of trial: near a chatter border an orbit
 # may not be defined.
 _PARTS = (0.5, 0.25, 0.75, 0.125)
-# Largest distance of a multiplier from the critical value at PD, and where a bifurcation is only
-# bisected: near grazing its rounding errors are large.
+# Largest distance of a multiplier from the critical value, at PD and at a bifurcation that is only
+# bisected: near grazing the rounding errors of multipliers are large.
 _NEAR = 0.01
 
 
@@ -125,7 +125,7 @@ def locate(
 
 
 def _way(before: Point, after: Point) -> float:
-    """Distance of two points, in scaled unknowns."""
+    """Return the distance of two points, in scaled unknowns."""
     return float(np.linalg.norm((after.y - before.y) / before.scale))
 
 

@@ -134,7 +134,7 @@ def _distances(look: Look, reference: Array, states: Array) -> Iterator[Array]:
     size = max(1, _TOGETHER // reference.size)
     for low in range(0, len(states), size):
         gaps = look.system.difference(reference, states[low : low + size, None])
-        # a quarter of the time of NumPy's norm, which sums few numbers slowly
+        # it takes a quarter of the time of NumPy's norm, which is slow for few coordinates
         yield np.sqrt(np.einsum("ijk,ijk->ij", gaps, gaps))
 
 
