@@ -128,7 +128,10 @@ class Measures(Mapping[str, Any]):
         return found
 
     def _look_for_repetition(self, before: Measures, states: Array) -> None:
-        """Compare states with an anchor; R. P. Brent, BIT 20 (1980) 176-184."""
+        """Compare the states of a block with an earlier state, the anchor, which is renewed.
+
+        R. P. Brent, BIT 20 (1980) 176-184.
+        """
         self.repeats, self._anchor = before.repeats, before._anchor
         self._anchored = before._anchored
         if self.repeats is None and self._anchored:

@@ -102,7 +102,10 @@ def averages_over(block: Attractor, edges: Edges) -> Any:
 def _sums(
     samples: Array, weights: Array, times: Array | None, edges: Edges | None = None
 ) -> Averages:
-    """Return averages of samples (k, N) with weights (k,), of the trapezoidal rule where timed."""
+    """Return averages of samples (k, N) with weights (k,).
+
+    With times the weights are those of the trapezoidal rule, and its error is included.
+    """
     began = time.perf_counter()
     if edges is None:
         count = min(BATCHES, len(samples))

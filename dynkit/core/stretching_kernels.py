@@ -53,7 +53,10 @@ def carry(matrix: Array, frame: Array, error: float, lost: int, logs: Array, err
 
 @kernel()
 def _row_times(row: Array, frame: Array, room: Array) -> None:
-    """Put the product of a row (d,) with a frame (d, k) into its first k numbers."""
+    """Replace the first k numbers of a row (d,) by its product with a frame (d, k); in place.
+
+    `room` (k,) is scratch.
+    """
     d, count = frame.shape
     for k in range(count):
         total = 0.0

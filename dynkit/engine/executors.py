@@ -171,7 +171,7 @@ def pack(work: object) -> bytes:
 
 
 class _Pickler(pickle.Pickler):
-    """Sends the digest of a user's class with it: a worker may know an earlier definition."""
+    """Sends a user's class with the digest of its code: a worker may know an earlier definition."""
 
     def reducer_override(self, sent: Any) -> Any:
         code = code_of(sent) if isinstance(sent, type) and issubclass(sent, Extensible) else ""

@@ -356,7 +356,7 @@ class Pairs:
 
 
 def _majorant(growth: Array, decay: Array, window: float | Array) -> Array:
-    """Return bounds of each part by the parts at the start, for a window, or for several."""
+    """Return bounds (n, n) of the size of each part by those at the start, for each window."""
     n = len(growth)
     total = power = np.eye(n)
     with np.errstate(divide="ignore", invalid="ignore"):

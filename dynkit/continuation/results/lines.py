@@ -91,7 +91,7 @@ class Line:
     def marks(self) -> Iterator[tuple[Bifurcation, float, Array]]:
         """Yield bifurcations, with the parameter and the observable (n,) at them.
 
-        A branch point at an end of the branch is left out: it belongs to the other branch.
+        A branch point beyond an end of the branch is left out: it belongs to the other branch.
         """
         last = sum(bifurcation is None for _, bifurcation in self.nodes) - 1
         for (place, b), x, y in zip(self.nodes, self.x, self.y, strict=True):

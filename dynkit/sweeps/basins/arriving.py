@@ -55,7 +55,7 @@ class Arriving:
         ]
 
     def __call__(self, starts: Array) -> Rows:
-        """Return the rows of some starts; motions that arrive at a known orbit have no final."""
+        """Return the rows of some starts; motions at a known orbit have no final state."""
         began, look = time.perf_counter(), self.look
         arrivals = look.system.arrivals(starts, self._orbits, look.transient, _ARRIVED)
         assert arrivals is not None
