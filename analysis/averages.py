@@ -20,12 +20,14 @@ _ALL_WAVES, _STEEP = 32, 8.0
 """Number of waves, and largest ratio of the mean squares of the slowest and the other waves."""
 
 _BINS = 1024
-"""Bins for the waves: the fastest wave has a period of 64 bins."""
+"""Number of bins of a series for the waves: the fastest wave has a period of 64 bins."""
 
 _RAMP = 0.05
 """Fraction of a series over which its weight rises, and over which it falls."""
 
 _BLOCKS, _QUARTERS, _CLEAR, _FLOOR = 32, 4, 0.01, 1e-9
+"""Numbers of blocks and of quarters of a series. A motion is regular if the weighted averages over
+quarters differ by at most _CLEAR times the scatter of blocks, or _FLOOR relative to the series."""
 
 
 @final

@@ -38,7 +38,7 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
 _SETTLING = 4
-"""A run has iterations / _SETTLING further iterates at first, in which the frame aligns itself."""
+"""A run begins with iterations / _SETTLING additional iterates, in which the frame is aligned."""
 
 _CONSTANT = 1e-3
 """Largest relative error of an average whose logarithms are constant, or as good as constant."""
@@ -187,7 +187,7 @@ class LyapunovSpectrum(Saved):
     def _run(self) -> tuple[Array, Array, Array | None, Cost]:
         """Logarithms (n, d), their errors (n, d), and times (n,) of the iterates; and the cost.
 
-        Of a stream they are means over batches of iterates.
+        For a stream each row is the mean over a batch of iterates.
         """
         began = time.perf_counter()
         total = self._iterations + self._iterations // _SETTLING
@@ -208,7 +208,7 @@ class LyapunovSpectrum(Saved):
 
     @cached_property
     def _averages(self) -> tuple[TimeAverages, NDArray[np.intp]]:
-        """Averages of the finite logarithms, and last of the times; and the descending order."""
+        """Averages of the finite logarithms and of the times, last; and the descending order."""
         logs, _, times, _ = self._run
         averages = _averages_of(logs, times)
         values, _ = averages.estimate(lambda mean: mean[:-1])
@@ -244,14 +244,15 @@ class LyapunovSpectrum(Saved):
 
     @cached_property
     def _left(self) -> Array:
-        """Changes of the finite exponents, in descending order, where the motion still settles.
+        """Later changes of the finite exponents, in descending order, while a motion settles.
 
-        Near a periodic orbit the logarithms change as the distance to it does, by a factor
-        exp(rate) in an iterate, where the rate is the exponent nearest to zero; of a flow that is
-        not the one of its direction. The change of the last quarter is summed over all later
-        iterates. Beside a bifurcation, where the distance is a power of time, that is a half of
-        what is left at least: it is taken three times, and at most until the rate has changed by
-        twice itself. Of other motions the averages over quarters do not approach a limit.
+        Near a periodic orbit the deviation of the logarithms is proportional to the distance from
+        the orbit. It decreases by a factor exp(rate) in an iterate, where the rate is the exponent
+        nearest to zero, for a flow without the exponent of the flow's direction. The change per
+        iterate in the last quarter is summed over all later iterates. Near a bifurcation, where the
+        distance is a power of time, this sum is at least a half of the later change. Therefore
+        three times the sum is taken, but at most the change by which the rate changes by twice its
+        value. The result is zero for motions whose averages over quarters do not approach a limit.
         """
         logs, _, times, _ = self._run
         values, errors = self._estimate(lambda exponents, _: exponents)
@@ -360,8 +361,8 @@ class LyapunovSpectrum(Saved):
     def _dimension(self) -> tuple[float, float]:
         values, errors = self._exponents_of(lambda exponents, _: exponents, self._accuracy)
         count = int(np.isfinite(values).sum())
-        # exponents that are zero within their errors count as zero, as for tori and limit cycles;
-        # not where the errors cover two regimes
+        # exponents that are zero within their errors count as zero, as for tori and limit cycles,
+        # unless the errors cover two regimes
         zero = (abs(values) <= 2.0 * errors)[:count] & (self.change is None)
 
         def dimension(exponents: Array, _: Array, zero: Any = zero) -> Array:
@@ -479,7 +480,7 @@ class LyapunovSpectrum(Saved):
 
 
 def _averages_of(logs: Array, times: Array | None) -> TimeAverages:
-    """Averages of the finite logarithms (n, k), and last of the times (n,), or of ones."""
+    """Return averages of the finite logarithms (n, k) and, last, of the times (n,), or of ones."""
     last = np.ones(len(logs)) if times is None else times
     finite = logs[:, np.isfinite(logs).all(axis=0)]
     return TimeAverages(np.column_stack([finite, last]), growths=finite.shape[1])

@@ -42,7 +42,7 @@ class _Slot(NamedTuple):
 
 @final
 class Measures(Mapping[str, Any]):
-    """The results of `measure`, by name; each is computed from what has been accumulated.
+    """The results of `measure`, by name; each is computed from the accumulated sums when read.
 
     Attributes
     ----------
@@ -51,9 +51,9 @@ class Measures(Mapping[str, Any]):
     cost : Cost
         Seconds of the motion and of the measures, and work of the motion.
     repeats : int or None
-        Number of states after which a state has come back, bit for bit. A periodic motion does so.
-        So does chaos of few coordinates, by rounding: from there on the run adds no information,
-        and the errors of its measures are too small.
+        Number of states after which a state has recurred, bit for bit. A periodic motion recurs. So
+        does a chaotic motion of few coordinates, because of rounding: later states then add no
+        information, and the errors of the measures are too small.
     """
 
     _stored: ClassVar = (
@@ -128,7 +128,10 @@ class Measures(Mapping[str, Any]):
         return found
 
     def _look_for_repetition(self, before: Measures, states: Array) -> None:
-        """Compare states with an anchor; R. P. Brent, BIT 20 (1980) 176-184."""
+        """Compare the states of a block with an earlier state, the anchor, which is renewed.
+
+        R. P. Brent, BIT 20 (1980) 176-184.
+        """
         self.repeats, self._anchor = before.repeats, before._anchor
         self._anchored = before._anchored
         if self.repeats is None and self._anchored:
@@ -155,7 +158,7 @@ def measure(
 ) -> Measures:
     """Measure the blocks of a stream in one pass, in the memory of one block.
 
-    A store keeps what has been accumulated, and the state from which the motion continues. It is
+    A store keeps the accumulated sums, and the state from which the motion continues. It is
     written at intervals, and at the end also after an error; other processes can read it at any
     time. If the run is interrupted, the same call continues it, with the same bits as without the
     interruption. A stream with a larger `keep` continues a finished one.
@@ -206,12 +209,13 @@ def measure(
     box = [_found(path, entries, new)]
     if box[0].states < stream.keep:
         with stores.locked(path):
-            existed, box[0] = path.exists(), _found(path, entries, new)  # maybe written since
+            # another process may have written the store since
+            existed, box[0] = path.exists(), _found(path, entries, new)
             keeper = Keeper(path, lambda: archive_of(box[0], entries), lambda: box[0].states)
             try:
                 with keeper:
                     _follow(stream, box, keeper, shown=shown)
-            except ValueError:  # a wrong argument, as the name of an observable
+            except ValueError:  # a wrong argument, such as the name of an observable
                 if not (existed or box[0].states):
                     path.unlink(missing_ok=True)
                 raise
@@ -232,7 +236,7 @@ def _checked(measures: object) -> Mapping[str, Running]:
 
 
 def _follow(stream: Stream, box: list[Measures], keeper: Keeper | None, *, shown: bool) -> None:
-    """Measure the blocks that are left; the only entry of the box is replaced after each."""
+    """Measure the remaining blocks; the only entry of `box` is replaced after each block."""
     from tqdm import tqdm
 
     done, last = box[0].states, box[0]._last
@@ -248,7 +252,7 @@ def _follow(stream: Stream, box: list[Measures], keeper: Keeper | None, *, shown
 
 
 def _entries(stream: Stream, new: Measures) -> dict[str, str]:
-    """Return what a store must have been made with."""
+    """Return the entries that a store of this stream and these measures must have."""
     own = {f"measure {name}": repr(running) for name, running in new.running.items()}
     of = {"system": stores.kind_of(stream.system)}
     return {**of, **stores.identity_of(stream), **own, "measures": ", ".join(sorted(new._slots))}

@@ -102,7 +102,7 @@ class Motion:
 
     @property
     def has_masses(self) -> bool:
-        """Whether it is a motion of masses, of which one may hit a stop."""
+        """Whether it is a motion of masses, one of which may hit a stop."""
         names = ("contact", "degrees_of_freedom", "frequency", "amplitude", "offset")
         return all(hasattr(self.system, name) for name in names)
 

@@ -150,10 +150,9 @@ class POD(Saved):
         """Bound, to leading order, of the error of any power as an average over this motion.
 
         It includes rounding, the remainders of chatters, and, with times, the error of the
-        trapezoidal rule, from second differences of the samples. With fewer than some ten samples
+        trapezoidal rule, from second differences of the samples. With fewer than about ten samples
         in the shortest period this may be too small; with two samples it is infinite. For the
-        difference to another part of the same motion see
-        `standard_errors`.
+        difference to another part of the same motion see `standard_errors`.
         """
         averages, entry = self._averages, self._averages.error
         if self.about == "mean":
@@ -162,7 +161,7 @@ class POD(Saved):
 
     @property
     def cost(self) -> Cost:
-        """Seconds; impacts or samples, and nodes of quadrature."""
+        """Seconds, and numbers of impacts or samples, and of nodes of quadrature."""
         return self._averages.cost
 
     @cached_property

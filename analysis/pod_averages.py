@@ -20,7 +20,7 @@ from dynkit.dynamics.attractor import Attractor
 BATCHES = 32
 """Number of batches of a motion that is long enough."""
 
-# So many scatters of errors over gaps are allowed for.
+# Number of standard deviations of the sum of errors over gaps in the error of the trapezoidal rule.
 _SCATTERS = 4.0
 
 
@@ -56,7 +56,7 @@ class KnowsAverages(Protocol):
     def second_moments(self, batches: int | Sequence[int]) -> Any:
         """Return averages in at most this number of batches, with the attributes of `Averages`.
 
-        In place of the number the edges of the batches may be given: numbers of states, from 0 on.
+        Instead of the number, `batches` may be the edges of the batches: numbers of states, from 0.
         """
         ...
 
@@ -102,7 +102,10 @@ def averages_over(block: Attractor, edges: Edges) -> Any:
 def _sums(
     samples: Array, weights: Array, times: Array | None, edges: Edges | None = None
 ) -> Averages:
-    """Return averages of samples (k, N) with weights (k,), of the trapezoidal rule where timed."""
+    """Return averages of samples (k, N) with weights (k,).
+
+    With times the weights are those of the trapezoidal rule, and its error is included.
+    """
     began = time.perf_counter()
     if edges is None:
         count = min(BATCHES, len(samples))
@@ -125,9 +128,10 @@ def _sums(
 def _trapezoidal_error(values: Array, times: Array) -> float:
     """Return the largest error of averages of values (k, m) by the trapezoidal rule.
 
-    The error over a gap h is h^3 / 12 times the second derivative, from the samples on either side.
-    Such errors may cancel in a sum, not so the differences of their two estimates. Two samples have
-    no second derivative: their error is infinite.
+    The error over a gap h is h^3 / 12 times the second derivative. It is estimated twice, with the
+    next sample before and after the gap. Errors of gaps may cancel in the sum; the differences of
+    the two estimates are added as independent errors. Two samples have no second derivative: their
+    error is infinite.
     """
     if len(times) < 3:
         return np.inf

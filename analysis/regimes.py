@@ -26,7 +26,8 @@ _SHORTEST = 200
 but ends and returns: with 10 masses at frequency 1.346 it lasts for up to 150 impacts."""
 
 _MOST = 50
-"""Most columns that are tested together: a probability of 2e-5 for each is 0.1 % for 50."""
+"""Largest number of columns that are tested together: a probability of 2e-5 for each column is
+0.1 % for 50."""
 
 _ROUNDING = 1e-12
 """Smallest sum of squares above rounding, relative to its terms."""
@@ -187,7 +188,10 @@ def _statistic(means: Array, allowed: NDArray[np.bool_]) -> tuple[Array, NDArray
 
 
 def _bridges(sums: Array) -> Array:
-    """Return, for each number of partial sums, their sum of squares about a line from zero."""
+    """Return the sum of squares of the first t partial sums about the line from 0 to the last one.
+
+    The result has one row for each t = 1, 2, ...
+    """
     t = np.arange(1.0, len(sums) + 1.0)[:, None]
     slopes = sums / t
     crossed = slopes * np.cumsum(t * sums, axis=0)

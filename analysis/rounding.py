@@ -1,4 +1,4 @@
-"""What rounding does to the logarithms of stretching along the motion of a map."""
+"""Effects of rounding on the logarithms of stretching along the motion of a map."""
 
 from __future__ import annotations
 
@@ -21,12 +21,12 @@ _ROUNDINGS = 8.0 * 2.0**-52
 
 
 def distinct_iterates(system: SmoothMap, state: Array, logs: Array) -> int:
-    """Return how many logarithms (n, d) of growing disturbances came before the motion repeats.
+    """Return the number of logarithms (n, d) before a motion with growing disturbances repeats.
 
     In exact arithmetic a motion whose disturbances grow does not return to its own states. Rounding
-    makes it return, soonest in one dimension and where the map is flat. From there on an average
-    learns nothing. All n count where the motion does not repeat itself bit by bit, or has fewer
-    than 128 different states: it is then on an unstable periodic orbit.
+    makes it return, soonest in one dimension and where the map is flat. Later iterates then add no
+    information to an average. All n count if the motion does not repeat itself bit by bit, or if it
+    has fewer than 128 different states, because it is then on an unstable periodic orbit.
 
     Parameters
     ----------
@@ -50,16 +50,16 @@ def distinct_iterates(system: SmoothMap, state: Array, logs: Array) -> int:
 def rounding_of(system: SmoothMap, found: Stretching, iterates: int) -> Array:
     """Return errors (d,) of average logarithms of a stable motion, from rounding of its states.
 
-    A disturbance of one state changes the logarithms of all later iterates. Every iterate is such a
-    disturbance, by the map's `accuracy`, or eight roundings, of each coordinate. The changes are
-    those of a run from a disturbed state, in a generic direction, to first order. The errors are
-    infinite where that run ends.
+    A disturbance of one state changes the logarithms of all later iterates. The error of every
+    iterate is such a disturbance: the map's `accuracy` of each coordinate, at least eight
+    roundings. The changes are computed to first order from a run that starts at a state disturbed
+    in a generic direction. The errors are infinite if this run ends.
 
     Parameters
     ----------
     system : SmoothMap
     found : Stretching
-        The motion continues from its end.
+        Stretching of the motion; the runs start at its end.
     iterates : int
         Number of iterates in which the disturbance decays.
     """

@@ -42,7 +42,8 @@ from dynkit.core.validation import (
 from dynkit.dynamics.attractor import Attractor
 
 _BATCHES, _WATCHED, _ITERATES = 64, 4096, 2048
-"""Largest numbers of batches for errors, for changes of regime, and of iterates."""
+"""Largest numbers of batches: for errors, for tests of a change of regime, and for logarithms of
+iterates."""
 
 _CHUNK = 1 << 18
 """Number of samples in time that are computed together."""
@@ -84,7 +85,7 @@ class Running(Extensible, ABC):
         Raises
         ------
         ValueError
-            When the block is not an attractor with states, or lacks what is measured.
+            When the block is not an attractor with states, or does not have the measured quantity.
         NoMotion
             When the motion ends.
         """
@@ -258,7 +259,7 @@ class RunningPOD(Running):
             _averages=Averages(products, sums, durations, *errors, self.cost),
             change=self._watched.change,
         )
-        found.matrix  # noqa: B018  # raises where nothing moves
+        found.matrix  # noqa: B018  # raises ValueError for a motion at rest
         return found
 
 
@@ -267,13 +268,13 @@ class RunningExponents(Running):
     """Lyapunov exponents; the result is a `LyapunovSpectrum`.
 
     The frame of directions, and the state to which it belongs, continue from block to block. They
-    follow a motion of their own from the first state on, for as many iterates as there are states.
-    In chaos rounding may separate it from the motion of the blocks.
+    follow a separate motion from the first state on, for as many iterates as there are states. In
+    chaos rounding may separate this motion from the motion of the blocks.
 
     Parameters
     ----------
     settling : int
-        Number of iterates that are left out at first, in which the frame aligns itself.
+        Number of first iterates that are left out, in which the frame aligns itself.
 
     Examples
     --------
@@ -366,7 +367,7 @@ class RunningSpectrum(Running):
         step, lasted = axis.interval / axis.finer, block.duration
         count = max(math.ceil((lasted - self._next) / step), 0)
         while count and self._next + step * (count - 1) >= lasted:
-            count -= 1  # rounding
+            count -= 1  # because of rounding one sample may lie beyond the block
         for low in range(0, count, _CHUNK):
             numbers = np.arange(low, min(low + _CHUNK, count), dtype=np.float64)
             values = block.time_series(self._next + step * numbers)[:, axis.coordinate]

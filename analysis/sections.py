@@ -230,7 +230,7 @@ class ImpactSection(Saved):
         """Draw the velocity of the contact coordinate after impacts against the phase.
 
         The dashed curve is the velocity of the table. Points lie above it by the relative velocity,
-        or below it at a stop from above, as the other one of a play.
+        or below it for a stop from above, such as the second stop of a play.
 
         Parameters
         ----------
@@ -245,7 +245,7 @@ class ImpactSection(Saved):
         ------
         ValueError
             When the source is an array, for which the motion of the table is not known, or a motion
-            that more than one stop limits, or a stop along more than one coordinate.
+            with more than one stop, or with a stop that acts on more than one coordinate.
         """
         if self._table is None:
             got = "an array" if self._motion is None else repr(self._motion.system)

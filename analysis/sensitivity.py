@@ -80,7 +80,7 @@ class Sensitivity(Saved):
             states = system.iterate(start, self._iterations)
             twin = system.iterate(start + self._distance, self._iterations)
         distances = read_only(np.linalg.norm(system.difference(twin, states), axis=1))
-        known = float(system.call_errors(start[None]).max())  # of a flow it may be absolute
+        known = float(system.call_errors(start[None]).max())  # may be absolute for a flow
         error = max(system.accuracy * float(abs(states).max()), known)
         error *= 2.0 * np.sqrt(states.shape[1])  # of both motions, in all coordinates
         cost = Cost(time.perf_counter() - began, {"iterates": 2 * self._iterations})

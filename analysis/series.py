@@ -92,7 +92,7 @@ class TimeSeries(Saved):
 
     @cached_property
     def table(self) -> Array | None:
-        """Position of the table, or the first hard stop, (k,); None where it limits no mass."""
+        """Position of the table, or of the first hard stop, (k,); None if it limits no mass."""
         motion = self._motion
         if motion is None or motion.table is None:
             return None
@@ -106,7 +106,7 @@ class TimeSeries(Saved):
         record = None if self._motion is None else self._motion.record_until(latest)
         if record is None or not len(self.times):
             return np.empty(0)
-        at: Array = record.time[record.element >= 0]  # states once a period are no impacts
+        at: Array = record.time[record.element >= 0]  # states once a period have no element
         return np.asarray(at[(at >= self.times[0]) & (at <= self.times[-1])])
 
     @cached_property

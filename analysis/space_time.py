@@ -20,7 +20,8 @@ from dynkit.plotting.figures import COLUMN_WIDTH, ink, print_style, shown_figure
 if TYPE_CHECKING:
     from mpl_toolkits.mplot3d import Axes3D  # type: ignore[import-untyped]
 
-# Most lines across a surface that print can separate, and most points of lines along it.
+# Largest number of lines across a surface that print can separate, and largest number of points of
+# the lines along it.
 _LINES, _POINTS = 100, 500
 
 # Height of a figure, in inches.

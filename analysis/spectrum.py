@@ -29,15 +29,16 @@ from dynkit.plotting.figures import DOTS, ink, print_style, shown_axes
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-# End of the default frequency axis over the highest natural frequency: positions have kinks at
-# impacts, and their spectra fall only with the fourth power of the frequency.
+# End of the default frequency axis, relative to the highest natural frequency: positions have kinks
+# at impacts, so that their spectra fall only with the fourth power of the frequency.
 _REACH = 2.0
 
+# Default number of intervals of an attractor.
 _SAMPLES = 16384
 
-# When the table's period is a multiple of the interval, aliased lines coincide with others and are
-# added as amplitudes, which fall only with the square of the frequency. Therefore motions are
-# sampled by this factor more finely than the axis requires.
+# When the table's period is a multiple of the interval, aliased lines coincide with other lines.
+# Their amplitudes, which fall only with the square of the frequency, are then added. Therefore
+# motions are sampled _FINER times as finely as the axis requires, _CHUNK samples at a time.
 _FINER, _CHUNK = 16, 1 << 15
 
 # Number of values in a gigabyte.
@@ -203,7 +204,7 @@ class PowerSpectrum(Saved):
         values, at = self._samples[0], self._finer * self.change.at
         if min(at, len(values) - at) < self._length:
             return math.inf
-        # without the density at frequency zero, which subtraction of means removes
+        # leave out the density at frequency zero, which subtraction of means removes
         whole = self.density[1:]
         regimes = [self._density(part)[1 : len(whole) + 1] for part in (values[:at], values[at:])]
         apart = [abs(regime - whole)[whole > 0.0] / whole[whole > 0.0] for regime in regimes]
@@ -216,7 +217,7 @@ class PowerSpectrum(Saved):
             return self._given, 0.0
         began = time.perf_counter()
         values = np.empty(self._finer * self._count)
-        for low in range(0, len(values), _CHUNK):  # all coordinates at once would not fit
+        for low in range(0, len(values), _CHUNK):  # all samples of all coordinates might not fit
             part = values[low : low + _CHUNK]
             times = self._step * np.arange(low, low + len(part), dtype=np.float64)
             part[:] = self._motion.attractor.time_series(times)[:, self._coordinate]
@@ -243,7 +244,7 @@ class PowerSpectrum(Saved):
         parts = np.lib.stride_tricks.sliding_window_view(values, n)[:: n - n // 2]
         lines = np.fft.rfft(w * (parts - parts.mean(axis=1, keepdims=True)))
         density = (abs(lines) ** 2).mean(axis=0) * (self._step / (math.pi * float(w @ w)))
-        density[[0, -1] if n % 2 == 0 else 0] /= 2.0  # all others stand for two frequencies
+        density[[0, -1] if n % 2 == 0 else 0] /= 2.0  # all others include the negative frequency
         return np.asarray(density)
 
     @property
@@ -386,7 +387,7 @@ def _divided(count: int, asked: int, multiple: int) -> tuple[int, int]:
 
 
 class Axis(NamedTuple):
-    """How a motion is sampled.
+    """Sampling of a motion.
 
     Parameters
     ----------
@@ -397,7 +398,7 @@ class Axis(NamedTuple):
         Number of samples in an interval.
     interval : float
     multiple : int
-        Number of intervals in a period of the table, where that is whole by choice; otherwise 1.
+        Number of intervals in a period of the table for the default interval; otherwise 1.
     """
 
     coordinate: int
@@ -409,7 +410,7 @@ class Axis(NamedTuple):
 
 
 def axis_of(motion: Motion, coordinate: int | None, interval: float | None) -> Axis:
-    """Return how a motion is sampled, with defaults for what is None."""
+    """Return the sampling of a motion, with defaults for arguments that are None."""
     index, multiple = motion.coordinate(coordinate, motion.system.dimension), 1
     if interval is None:
         multiple = _samples_in_a_period(motion)

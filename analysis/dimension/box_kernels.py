@@ -85,13 +85,14 @@ class Buffers(NamedTuple):
     below : (FEW_EDGES, slots)
         Scratch.
     stack : (any, 2)
-        Pairs of nodes that remain to be done; capacity for more than six for each level of the
-        tree.
+        Pairs of nodes that remain to be counted; it can hold six pairs for each level of the tree,
+        and eight more.
     shares : (blocks, k + 1)
         Counts by blocks: each computed distance counts in the blocks of both points, and a whole
         box at once for a single point.
     lumps : (nodes, k + 1)
-        Number of points, besides those in `shares`, at such distances from every point of a node.
+        Numbers of points at the distances of each bin from every point of a node, for pairs that
+        are not included in `shares`.
     work : (2,)
         Numbers of examined pairs of boxes, and of computed distances.
     """
@@ -111,7 +112,7 @@ class Buffers(NamedTuple):
 def _gap_bounds(
     low: float, high: float, other_low: float, other_high: float, turn: float
 ) -> tuple[float, float]:
-    """Return bounds of the distances between two intervals; of angles where turn is not zero."""
+    """Return bounds of the distances between two intervals; for angles `turn` is not zero."""
     least = max(low - other_high, other_low - high, 0.0)
     most = max(high - other_low, other_high - low)
     if turn > 0.0:

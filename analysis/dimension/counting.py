@@ -143,7 +143,7 @@ def _share_out(
     parts: Iterable[_Part],
     buffers: Sequence[Buffers],
 ) -> None:
-    """Do a task for all its parts, with one thread for each of the buffers.
+    """Run a task for all its parts, with one thread for each of the buffers.
 
     An interrupt ends each thread at its next step.
     """

@@ -46,7 +46,7 @@ from dynkit.dynamics.attractor import Attractor
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-_WINDOW = 100  # costs nothing, and excludes chatter, which autocorrelations do not show
+_WINDOW = 100  # default of Theiler's window; excludes chatter, which autocorrelations do not show
 
 
 @final

@@ -14,7 +14,7 @@ from dynkit.plotting.figures import DOTS, ink, print_style, shown_axes
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-# largest relative error of drawn slopes: others would only stretch the axes
+# largest relative error of drawn slopes: less accurate ones would only stretch the axes
 _UNKNOWN = 0.5
 
 

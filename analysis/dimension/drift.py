@@ -17,20 +17,20 @@ from dynkit.analysis.dimension.counting import Counts
 from dynkit.analysis.dimension.errors import standard_errors
 from dynkit.core.validation import Array
 
-# least number of slopes: two for the numbers of a model, four for the scatter
+# least number of slopes: two for the two parameters of a model, four for the scatter
 _FEWEST_SLOPES = 6
 # Prior odds of a singular density without waves. A short range of radii cannot decide, and too
 # small an error is worse than too large a one. The odds, and the square roots of 1 / A, are
 # calibrated: two errors cover nine of ten products of two arcsine densities at 1000 states (three
 # of four with even odds and values). With waves the odds are even.
 _SINGULAR = 3.0
-_CERTAIN = 20.0  # times the prior odds: strong evidence (Kass, Raftery)
+_CERTAIN = 20.0  # posterior over prior odds that is strong evidence (Kass, Raftery)
 # 1 / (A + ln(R/r)) at the largest radius R. Two arcsine singularities and nothing else have
 # C(r) ~ r (1 + ln(4 L/r)) over a length L: 0.21 at L/10. A narrower coordinate has more.
 _LOGARITHMS = np.linspace(0.0, 0.25, 11)[1:]
 # the relative change of the slope by a bend at R: at most half
 _BENDS = np.append(_HALF := np.linspace(0.0, 0.5, 9)[1:], -_HALF)
-_POWERS = (1.0, 2.0, 4.0)  # of r: borders, curvature and its next order
+_POWERS = (1.0, 2.0, 4.0)  # powers of r in bends: from borders, curvature and its next order
 # waves of ln C: from the error of 1e6 pairs to half of C, at steps below a factor of two
 _WAVES = np.geomspace(1e-3, 0.5, 10)
 
@@ -146,7 +146,7 @@ def _slopes(radii: Array, pairs: Counts, shares: Counts, width: int) -> _Slopes:
     weights = np.zeros((count, len(radii)))
     weights[np.arange(count), nodes[1:]] = 1.0 / length
     weights[np.arange(count), nodes[:-1]] = -1.0 / length
-    # where no pair is new, allow for one
+    # where a step adds no pair, the error is at least that of one pair
     errors = np.maximum(standard_errors(pairs, shares, weights), 1.0 / (length * pairs[nodes[1:]]))
     groups = (shares / pairs) @ weights.T
     groups = groups - groups.mean(axis=0)

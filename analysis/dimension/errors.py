@@ -22,8 +22,8 @@ import numpy as np
 from dynkit.analysis.dimension.counting import Counts
 from dynkit.core.validation import Array
 
-_FEWEST = 16
-_LAGS = 500
+_FEWEST = 16  # least number of blocks for a variance
+_LAGS = 500  # largest number of lags that are counted
 
 
 def standard_errors(pairs: Counts, shares: Counts, weights: Array) -> Array:
@@ -87,7 +87,7 @@ def error_by_lags(
     points, turns : (n, d) and (d,) arrays
         As for `dynkit.analysis.dimension.counting.count`.
     lags : (m,) array of int
-        All lags that count. Of more than 500, a random choice represents them.
+        All lags that count. If there are more than 500, a random choice represents them.
     euclidean : bool
     """
     from dynkit.analysis.dimension.correlation_kernels import count_of_lag

@@ -22,11 +22,12 @@ STEPS = 8
 TOLERANCE = 0.05
 """Largest relative difference of slopes in a scaling region beyond two standard errors."""
 
-_PITCH = np.log(2.0) / STEPS
-_PARTS = 4
-_LOCAL = STEPS // 2
+_PITCH = np.log(2.0) / STEPS  # step of ln r
+_PARTS = 4  # a scaling region is divided into quarters
+_LOCAL = STEPS // 2  # steps of a local slope: half an octave
 _FEWEST_PAIRS = 30  # fewer have no reliable logarithm
-# a finite set: least ratio of radii over which the sum is flat, to a fraction; visits per point
+# a finite set: least ratio of radii over which the sum is flat; largest relative change of a flat
+# sum; least number of visits per point
 _FLAT_RATIO, _FLAT, _VISITS = 100.0, 0.01, 10
 # Rounding to a grid changes a distance by half a step. At 8 steps ln r changes by 1/16: the slope
 # of a region of 4:1, the default least ratio, changes by 1 / 16 / ln 4 = 4.5 %, less than
@@ -195,12 +196,12 @@ def takens(sums: CorrelationSums, region: ScalingRegion) -> Estimate:
     """Return Takens' maximum-likelihood estimate of the exponent, from all pairs below `high`.
 
     The likelihood is that of the counts in bins, where distances below `low` are one bin; nothing
-    is interpolated. The error combines that of a bootstrap over blocks of time with the largest
-    change of the estimate, beyond the statistical one, when only pairs below a smaller radius are
-    used, down to the middle of the region in ln r: most pairs are at the largest radii, and a curve
-    that bends there, or oscillates about a line, shifts the estimate. This change is increased to
-    the extrapolation of a shift in proportion to the radius, as at the borders of a set. The error
-    includes the drift of the region.
+    is interpolated. The error has three parts. The first is the error of a bootstrap over blocks of
+    time. The second is the largest change of the estimate, beyond the statistical one, when only
+    pairs below a smaller radius are used, down to the middle of the region in ln r: most pairs are
+    at the largest radii, and a curve that bends there, or oscillates about a line, shifts the
+    estimate. This change is extrapolated as a shift in proportion to the radius, as at the borders
+    of a set. The third is the drift of the region.
 
     References
     ----------
@@ -213,7 +214,7 @@ def takens(sums: CorrelationSums, region: ScalingRegion) -> Estimate:
     statistical, *errors = standard_errors(
         pairs, shares, np.vstack([weights[-1], weights - weights[-1]])
     )
-    expected = (1.0 + np.sqrt(2.0)) * np.square(errors)  # and the standard error of one square
+    expected = (1.0 + np.sqrt(2.0)) * np.square(errors)  # mean and standard error of a square
     square = float(((values - values[-1]) ** 2 - expected).max())
     shift = np.sqrt(max(square, 0.0)) / (1.0 - region.ratio**-0.5)
     error = np.hypot(np.hypot(statistical, shift), region.drift)

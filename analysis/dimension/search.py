@@ -13,11 +13,11 @@ from dynkit.analysis.dimension.sums import CorrelationSums
 from dynkit.core.cost import Cost
 from dynkit.core.validation import Array
 
-# Largest radii that are tried, relative to the diameter. Up to 0.3 some sets of many dimensions,
-# whose sums bend everywhere, have a range that looks straight.
+# Largest radii that are tried, relative to the diameter. With 0.3, a range of some sets of many
+# dimensions, whose sums bend everywhere, would look straight.
 _PARTS = 0.1, 0.2
 _ROUNDING = 2.0**-42  # smallest distance above rounding, relative to the largest coordinate
-_LEAST_SPAN = 128.0  # least ratio of radii, also when all states are one point
+_LEAST_SPAN = 128.0  # least ratio of the largest radius to the rounding of the states
 
 
 def search_scaling(

@@ -30,7 +30,7 @@ Norm: TypeAlias = Literal["maximum", "euclidean"]
 """Norm of the distance of two states."""
 
 _SMALLEST, _LARGEST = 1e-150, 1e150  # numbers whose squares neither underflow nor overflow
-_LEAST = 1e-130  # of the largest state: the radii below it are many
+_LEAST = 1e-130  # least size of the largest state: enough radii lie between it and _SMALLEST
 
 
 @final

@@ -26,7 +26,8 @@ class Comparison:
     impacts : int
         Number of exact impacts and releases.
     missed, invented : int
-        Number of exact ones that were not found, and of found ones that do not exist.
+        Number of exact impacts and releases that were not found, and of found ones that do not
+        exist.
     error : float
         Largest error of those that were found; 0 if there are none.
     """
@@ -82,11 +83,11 @@ def matched(found: Array, exact: Array, near: float) -> tuple[NDArray[np.intp], 
     from scipy.optimize import linear_sum_assignment
 
     apart = abs(found[:, None] - exact)
-    # a pair saves more than all distances together cost: the number of pairs is largest
+    # a pair reduces the sum by more than all distances increase it: the number of pairs is largest
     saved = near * (1.0 + min(apart.shape))
     ours, theirs = linear_sum_assignment(np.where(apart <= near, apart - saved, 0.0))
     paired = apart[ours, theirs] <= near
-    # the order of time gives the smallest largest distance
+    # pairs in the order of time have the smallest largest distance
     return ours[paired], np.sort(theirs[paired])
 
 

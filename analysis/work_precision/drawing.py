@@ -20,7 +20,7 @@ _LOWEST, _DOUBLE = 1e-17, 2.0**-53
 _LOST = 30.0
 """Height at which runs with a missed or invented impact are drawn: above all errors."""
 
-# distinguishable in black and white: markers, dashes, full or hollow
+# methods are distinguishable in black and white by markers, dashes, and full or hollow symbols
 _MARKERS = ("*", "o", "s", "^", "v", "D", "X", "P", "h", "<", ">", "p")
 _DASHES: tuple[Any, ...] = ("-", "-", "--", "-.", ":", (0, (5, 1)), (0, (1, 1)), (0, (3, 1, 1, 1)))
 _COLORS = ("black", "tab:blue", "tab:orange", "tab:green", "tab:red", "tab:purple", "tab:brown",

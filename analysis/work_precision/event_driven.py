@@ -34,7 +34,7 @@ class Integrator(ABC):
     def fly(
         self, time: float, state: Array, end: float, flight: float
     ) -> tuple[float, Array, bool]:
-        """Fly freely to the next impact or to the end; return time, state (2N,), whether it hit.
+        """Fly freely to the next impact or to the end; return time, state (2N,), whether it hits.
 
         ``flight`` is an estimate of the duration, or infinite.
         """
@@ -157,8 +157,8 @@ def smallest_bounce(model: ImpactModel, tolerance: float) -> float:
 def weakest_bounce(table: float, velocity: Array, tolerance: float) -> float:
     """Return the relative velocity below which a mass sticks; its square is about the tolerance.
 
-    It is above rounding: a bounce of 1e-6 of the table's velocity rises by about 1e-13 of the
-    table's amplitude.
+    In units of the table's velocity it is at least 1e-6, which is above rounding: such a bounce
+    rises by about 1e-13 of the table's amplitude.
 
     Parameters
     ----------

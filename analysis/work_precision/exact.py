@@ -127,7 +127,7 @@ class ExactImpacts:
         object.__setattr__(self, name, value)
 
     def _pair(self, name: str, shape: tuple[int | None, ...]) -> None:
-        """Store numbers as doubles and remainders."""
+        """Store numbers as pairs: doubles, and their remainders."""
         numbers = np.array(getattr(self, name), dtype=object)
         if not numbers.size:
             numbers = numbers.reshape([length or 0 for length in shape])

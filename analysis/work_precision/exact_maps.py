@@ -14,9 +14,9 @@ from dynkit.analysis.work_precision.methods import FoundImpacts, ImpactMethod, S
 class ExactMaps(ImpactMethod):
     """``system.simulate`` of dynkit; it has no tolerance.
 
-    The number of impacts is one more than that of the exact ones, and then twice the last number
-    until the end is reached. The measured time includes the computation of positions and velocities
-    from modal coordinates.
+    The first run simulates one impact more than there are exact ones. Each further run simulates
+    twice as many as the run before, until the end is reached. The measured time includes the
+    computation of positions and velocities from modal coordinates.
     """
 
     name = "dynkit"

@@ -48,8 +48,8 @@ class Measurement:
     starts, lost : int
         Number of simulated starts, and of those with a missed or invented impact.
     impacts, missed, invented : int
-        Number of exact impacts and releases of these starts, of those that were not found, and of
-        found ones that do not exist.
+        Numbers of exact impacts and releases of these starts, of exact ones that were not found,
+        and of found ones that do not exist.
     reference : float
         Error of the exact impacts: a smaller `error` is not significant.
     remark : str
@@ -88,7 +88,7 @@ class Measurement:
 
     @property
     def known_error(self) -> str:
-        """The error as text: less than that of the exact impacts where it is smaller."""
+        """The error as text; below the error of the exact impacts, this upper limit."""
         if math.isnan(self.error):
             return "-"
         within = self.error < self.reference

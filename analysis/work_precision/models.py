@@ -25,8 +25,8 @@ _NEEDED = (
 class ImpactModel:
     """The numbers of an impact oscillator, and a start.
 
-    M x'' + C x' + K x = g + Im(F exp(i phase)), phase' = frequency; coordinate ``contact`` remains
-    on its side of a table at amplitude sin(phase) + offset.
+    The equations are M x'' + C x' + K x = g + Im(F exp(i phase)), phase' = frequency. The
+    coordinate ``contact`` remains on its side of a table at amplitude sin(phase) + offset.
 
     Parameters
     ----------

@@ -29,13 +29,13 @@ from dynkit.core.validation import Array
 Solver: TypeAlias = Literal["RK45", "DOP853", "Radau", "LSODA"]
 
 BUDGETS: dict[str, int] = {"Radau": 40_000}
-"""Evaluations that take some seconds, where the default of 150,000 takes longer."""
+"""Numbers of evaluations that take some seconds, for solvers whose 150,000 take longer."""
 
 ABSOLUTE = 1e-2
-"""Absolute tolerance over the relative one, in units of the start's largest coordinate."""
+"""Ratio of the absolute to the relative tolerance, in units of the start's largest coordinate."""
 
 LONGEST = 0.1
-"""Longest step over the table's period: the integrator does not resolve the table's motion."""
+"""Longest step, relative to the table's period, which step control alone would not resolve."""
 
 
 @final

@@ -25,7 +25,7 @@ if TYPE_CHECKING:
     from dynkit.core.validation import Array
     from dynkit.systems.impact.simulation.state import ImpactState
 
-# More values than this are taken for a mistake.
+# More values than this are refused as a mistake.
 _MOST_VALUES = 1_000_000
 _NUMBERS = "X1,X2,..."
 ELEMENTS = {kind.__name__: kind for kind in (HardStop, SoftStop, DryFriction, Jenkins)}
@@ -60,7 +60,7 @@ class Option:
         return parts if len(parts) > 1 or self.metavar == _NUMBERS else parts[0]
 
     def checked(self, value: Any) -> Any:
-        """Return the value; ValueError for a switch that is no bool, or a text that is no str."""
+        """Return the value; ValueError for a switch that is not bool, or a text that is not str."""
         if not self.metavar and not isinstance(value, bool):
             raise ValueError(f"{self.name} must be true or false; got {value!r}")
         if self.text and not (isinstance(value, str) and value):
@@ -238,7 +238,7 @@ def _elements(given: object) -> tuple[Element, ...]:
 
 
 def _made(name: str, given: object, kinds: Mapping[str, Any]) -> Any:
-    """Return what a table of a file stands for, by its kind; ValueError for what is none."""
+    """Return the element or law that a table of a file describes; ValueError if it is refused."""
     if not isinstance(given, dict):
         raise ValueError(f"{name} must be a table with a kind; got {given!r}")
     numbers = dict(given)

@@ -1,4 +1,4 @@
-"""Results of stores, with the system that a store describes in words."""
+"""Results of stores, with the system that the text entries of a store describe."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ _SAVED: Mapping[str, Any] = {
 _LARGEST = 1 << 31
 _MADE: Mapping[str, Callable[..., Any]] = {**ELEMENTS, **LAWS}
 _CLOSING = re.compile(r"""('[^']*'|"[^"]*")|(?<=[^(,\s])\)""")
-"""Texts, and brackets that close more than nothing."""
+"""Pattern of quoted texts, and of closing brackets that follow neither "(" nor a comma."""
 
 
 def loaded(path: str) -> Any:
@@ -76,7 +76,7 @@ def loaded(path: str) -> Any:
 def _with_orbit(curve: SolutionCurve, file: Any, orbit: ProblemSolution) -> SolutionCurve:
     try:
         return type(curve).load(file, orbit)
-    except ValueError:  # the label is the same, but not the equations
+    except ValueError:  # the label is the same, but the equations are others
         return curve
 
 
@@ -119,7 +119,7 @@ def _system(file: Any, archive: store.Archive) -> Map | Any:
             del made["elements"]
         system = kind(**made)
         store.refuse_other_system(file, archive, system)
-    except (TypeError, ValueError, RecursionError):  # of brackets in brackets
+    except (TypeError, ValueError, RecursionError):  # the last from deeply nested brackets
         return None
     return system
 
@@ -145,7 +145,7 @@ def value_of(text: str) -> Any:
     >>> value_of("(1.5, 'above', (inf,))"), value_of("HardStop(2, offset=0.5)").offset
     ((1.5, 'above', (inf,)), 0.5)
     """
-    closed = _CLOSING.sub(lambda found: found[1] or ",)", text)  # "(1.0)" is a tuple
+    closed = _CLOSING.sub(lambda found: found[1] or ",)", text)  # "(1.0)" means a tuple
     try:
         return _read(ast.parse(closed, mode="eval").body)
     except SyntaxError as fault:

@@ -39,7 +39,7 @@ OPTIONS = (
 
 
 def run(asked: Asked) -> None:
-    """Make the page, open it, and print what it has.
+    """Make the page, open it, and print a summary of its content.
 
     Raises
     ------

@@ -20,18 +20,19 @@ from dynkit.core.progress import late_bar
 from dynkit.core.validation import Array
 from dynkit.orbits.newton import Direction, correct
 
+# Largest angle between the tangents of successive points, in radians.
 _LARGEST_ANGLE = 0.5
-# Largest distance of a point from its guess, in steps.
+# Largest distance of a corrected point from its guess, as a fraction of the step.
 _LARGEST_GAP = 0.3
-# The same relative to the `repetition`: a quarter of it is half of the distance to the orbit of a
-# shorter period.
+# Largest distance of a corrected point from its guess, as a fraction of the `repetition`: a quarter
+# of the repetition is half of the distance to the orbit of a shorter period.
 _PART = 0.25
-# Tolerances of `beside` for a point on a bound.
+# Tolerances of `beside`, slack and most, for a point on a bound.
 _BETWEEN = (1e-9, 0.0), 1.5
 REPEATED = 1e-7
 """An orbit with a `repetition` below this, in scaled unknowns, is an orbit of a shorter period."""
 
-# Component of the tangent, inwards, of a point on a bound: more is not rounding.
+# Inward component of the tangent of a point on a bound: up to this it may be rounding.
 _LEVEL = 1e-6
 
 _JUMPS = Failure(Reason.NO_CONVERGENCE, "its direction jumps")
@@ -50,8 +51,8 @@ class Continuation:
     Parameters
     ----------
     equations : CurveEquations
-        One equation less than unknowns. No step leads to a repeated orbit of a shorter period,
-        unless the start is one.
+        There is one equation less than unknowns. No step leads to a repeated orbit of a shorter
+        period, unless the start is one.
     start : Point
         A point of the curve; its tangent is the direction.
     bounds : tuple of Bound
@@ -101,7 +102,7 @@ class Continuation:
         yield Ending(Reason.LIMIT, limit)
 
     def shown(self) -> Iterator[Point | Ending]:
-        """Yield the same items; a terminal shows the number of points and where the last one is."""
+        """Yield the same items; a terminal shows the number of points and the last parameters."""
         with late_bar("branch", "point") as bar:
             for item in self:
                 yield item
@@ -178,7 +179,7 @@ class Continuation:
         found = self.corrected(guess, point, point.tangent)
         if isinstance(found, Failure):
             return found
-        # another branch, or a bend that is too sharp
+        # the point is on another branch, or the curve bends too sharply within the step
         gap = (found.y - guess) / point.scale
         if not _ahead(point, found) or gap @ gap > (_LARGEST_GAP * step) ** 2:
             return _JUMPS
@@ -187,8 +188,9 @@ class Continuation:
     def between(self, before: Point, after: Point, part: float) -> Point | Failure:
         """Return the point at a part, from 0 to 1, of the way between two, or why there is none.
 
-        Its direction is that of a point near it. The guess is on the parabola along the tangent of
-        the first point: beyond a border the second may have a direction of its own.
+        Its tangent is that of a Newton iterate near it. The guess is on the parabola through both
+        points with the tangent of the first. The tangent of the second is not used: it may differ
+        abruptly beyond a border.
         """
         way = (after.y - before.y) / before.scale
         step = part * float(np.sqrt(way @ way))
@@ -208,7 +210,7 @@ class Continuation:
     def _is_same(self, before: Point, guess: Array, found: Point) -> bool:
         """Whether a point is so near its guess that no orbit of a shorter period lies between them.
 
-        This also excludes cyclic shifts of the same orbit, which are at least as far.
+        Cyclic shifts of the same orbit are at least as far from the guess, and are excluded, too.
         """
         if self._repeated:
             return True
@@ -266,7 +268,7 @@ class Continuation:
             if not self._is_same(before, guess, point):
                 return _NEAR_REPETITION, None
             inwards = point.tangent[index] * (1.0 if value == bound.low else -1.0)
-            if inwards > _LEVEL:  # the curve has returned to the bound, over a fold
+            if inwards > _LEVEL:  # the curve has crossed the bound, and returned over a fold
                 break
             left = self._left(point)
             if left is None:
@@ -292,7 +294,10 @@ class Continuation:
 
 
 def _slope(a: float, b: float, way: float, part: float) -> float:
-    """Slope, at a part of the step, of the cubic with two slopes at its ends."""
+    """Return the slope, at a fraction of the step, of the cubic with slopes a and b at its ends.
+
+    `way` is the change of the cubic over the step.
+    """
     return a + part * (2.0 * (3.0 * way - 2.0 * a - b) + 3.0 * part * (a + b - 2.0 * way))
 
 

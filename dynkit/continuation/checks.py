@@ -32,12 +32,12 @@ def checked_bounds(name: str, bounds: Any) -> tuple[float, float]:
 
 
 def checked_method(step: float, largest_step: float, points: int) -> ContinuationMethod:
-    """Return the continuation method with these options, after validation.
+    """Return the continuation method with these options.
 
     Raises
     ------
     ValueError
-        When one is out of range.
+        When an option is out of range.
     """
     largest = positive("largest_step", largest_step)
     first = min(positive("step", step), largest)

@@ -11,13 +11,16 @@ from dynkit.continuation.orbit_equations import CurveEquations
 from dynkit.continuation.points import SAME, Point, interpolated
 from dynkit.core.validation import Array
 
-# Iterations for the place of the start within a step, and largest distance of this place beyond the
-# ends of the step, in steps: rounding may put a start at an end on either side of it.
+# Largest number of iterations for the position of the start within a step, and tolerance of this
+# position beyond the ends of the step, in steps: rounding may shift a start that is at an end.
 _RETURNS, _SLACK = 12, 1e-3
 
 
 def passes(before: Array, after: Array) -> bool:
-    """Whether a step between two places, relative to the start, passes near the start."""
+    """Whether a step passes within 0.3 of its length from the start.
+
+    `before` and `after` are the two ends of the step, relative to the start.
+    """
     way = after - before
     length = way @ way
     if not length > 0.0:
@@ -44,6 +47,7 @@ def return_to(
     home : (q,) array
         Unknowns of the start.
     point, after : Point
+        The ends of the step.
     """
     place, beyond = (equations.apart(end.y, home) for end in (point, after))
     for gap, end in ((place, point), (beyond, after)):

@@ -204,7 +204,7 @@ def _branch(
 
 
 def _explained(problem: Problem, last: Point, ending: Ending) -> Ending:
-    """Return the ending of a branch after its last point; a Hopf bifurcation has a name."""
+    """Return the ending of a branch; EQUILIBRIUM where its last orbit shrinks to one."""
     if ending.reason not in (Reason.NO_SOLUTION, Reason.NO_CONVERGENCE):
         return ending
     if not shrinks(problem.solution(last.y[:-1], last.y[-1:])):
@@ -217,7 +217,7 @@ def _bifurcation(
     problem: Problem, admissible: NDArray[np.bool_], place: float, found: Located, tangent: Array
 ) -> Bifurcation:
     kind, event, _ = found.crossing
-    # at a border rounding decides whether the orbit itself is admissible
+    # on a border rounding decides whether the orbit itself is admissible: examine its neighbours
     on_border = event >= 0
     motion = (
         borders_a_motion(admissible, place)

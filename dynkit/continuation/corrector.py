@@ -95,7 +95,7 @@ class NewtonCorrector:
 def _direction(
     equations: Equations, solution: Correction, near: Point, row: Array, scale: Array
 ) -> Direction | Failure:
-    # after such a short step the derivative before it is accurate enough
+    # after such a short step the direction at the previous iterate is accurate enough
     if row is near.tangent and scale is near.scale and solution.moved < SHORT:
         if solution.direction is not None:
             return solution.direction

@@ -15,7 +15,10 @@ from dynkit.orbits.spectrum import Spectrum
 
 @final
 class Crossing(NamedTuple):
-    """A bifurcation within a step: kind, index of the event of GR and CB, and whether it ends."""
+    """A bifurcation within a step: its kind, for GR and CB the index of the event.
+
+    `ends` is whether the branch ends there.
+    """
 
     kind: BifurcationKind
     event: int = -1
@@ -26,8 +29,8 @@ class Crossing(NamedTuple):
 class Located(NamedTuple):
     """A located bifurcation: all unknowns and their errors.
 
-    `errors`, (m + e + 1,), are those of `x`, `own` and `p`. Where its equations are not `solved`
-    it is between two points of the branch.
+    `errors`, (m + e + 1,), are those of `x`, `own` and `p`. If `solved` is False, Newton's method
+    found no solution, and the bifurcation was only enclosed between two points of the branch.
     """
 
     crossing: Crossing
@@ -53,8 +56,9 @@ class Located(NamedTuple):
 class Seen:
     """Properties of the orbit of a point; `crossings` are those since the previous point.
 
-    `branch_point` is the one among them, if any. Where the branch folds there, because it is
-    symmetric about the branch that it meets, `flat` is its tangent in scaled unknowns.
+    `branch_point` is the located BP among the crossings, if any. If the branch folds at the BP,
+    because it is symmetric about the branch that it meets, `flat` is its tangent in scaled
+    unknowns.
     """
 
     kind: Spectrum

@@ -37,7 +37,8 @@ if TYPE_CHECKING:
 
     from dynkit.viewer.page import Page
 
-# Closer to 0 or pi than this angle theta the two equations of NS become dependent.
+# A curve of NS ends where theta is closer to 0 or pi than this: its two equations become dependent.
+# A curve of HB ends where the frequency falls below this fraction of its value at the start.
 _RESONANCE = 1e-3
 # A parameter that changes less than this along a curve, relative to its bounds, is constant.
 _CHANGES = 1e-8
@@ -65,8 +66,8 @@ class BifurcationCurve(Viewed, SolutionCurve):
     own : (k, e) array
         Additional unknowns of the condition: for NS the angle theta, for HB the frequency, (k, 1).
     admissible : (k,) array of bool
-        Whether the orbits are motions of the system. On a curve of GR or CB, beyond which they are
-        none, rounding may decide.
+        Whether the orbits are motions of the system. On a curve of GR or CB, the border of
+        admissibility, rounding may decide.
     residuals : (k,) array
         Largest residual of each point's equations.
     endings : (Ending, Ending)
@@ -123,9 +124,10 @@ class BifurcationCurve(Viewed, SolutionCurve):
     def error(self) -> Array:
         """To first order a bound on the distance from the exact curve, (k,), read-only.
 
-        It covers all numbers of a point. The units of the parameters are their ranges, or those of
-        their bounds for a constant parameter. The units of the orbit's unknowns are their typical
-        sizes. The unit of `own`, such as theta, is one, or its size where that is larger.
+        It is the largest error of a parameter, unknown or `own` of the point. The unit of a
+        parameter is its range along the curve, or the width of its bounds if it is constant. The
+        units of the orbit's unknowns are their typical sizes. The unit of `own`, such as theta, is
+        its magnitude, at least one.
         """
         ranges = np.ptp(self.parameters, axis=0)
         widths = np.where(ranges > _CHANGES * self._widths, ranges, self._widths)
@@ -194,10 +196,10 @@ def continue_curve(
 ) -> BifurcationCurve:
     """Return the curve of bifurcations of one kind through a bifurcation, as two parameters change.
 
-    A curve of BP goes on as long as a symmetry, or an orbit that is always there, makes branches
-    cross. Where the parameters break it, they come apart: the curve ends, at its start if need be.
-    A curve of SN, PD or NS ends where two events of the orbit merge, at a GR: there is no such
-    orbit beyond.
+    A curve of BP continues as long as branches cross because of a symmetry, or of an orbit that
+    exists for all parameters. Where a parameter breaks this, the branches separate and the curve
+    ends, possibly at its start. A curve of SN, PD or NS ends at a GR where two events of the orbit
+    merge: no such orbit exists beyond.
 
     Parameters
     ----------

@@ -24,15 +24,17 @@ DIFFERENCE = 2.0 ** (-52.0 / 3.0)
 RESONANCES = tuple(sorted({j / k for k in range(3, 7) for j in range(1, k) if 2 * j < k}))
 """Angles of multipliers, in turns, at which orbits of three to six periods are born."""
 
-# Largest change of a condition, of order one, over a step; otherwise the step is divided by 16, at
-# most _SHORTER times. A frequency has such an effect over a period of many oscillations.
+# Largest change of a condition, which is of order one, over a step of differences. After a larger
+# change the step is divided by 16, at most _SHORTER times. A step of a frequency causes such a
+# change if the period contains many oscillations.
 _CHANGE, _SHORTER = 1e-2, 4
 # Relative step of a multiplier for the derivative of D.
 _DISTURBED = 1e-7
-# A number that is no critical multiplier. Where two events of an orbit merge, D is singular for all
-# numbers: for this one its least singular value falls to this part of that at a near orbit.
+# _BESIDE is a number that is not a critical multiplier. Where two events of an orbit merge, D(mu)
+# is singular for every mu: the least singular value of D(_BESIDE) is then below _SINGULAR times
+# its value at a near orbit.
 _BESIDE, _SINGULAR = 0.3 + 0.7j, 1e-8
-# Largest unfolding unknown at a branch point.
+# Largest magnitude of the unfolding unknown at a branch point, where it is zero up to errors.
 _UNFOLDED = 1e-9
 
 
@@ -75,7 +77,8 @@ class CriticalMultiplier(Condition):
             off = float((factors[1][sizes > 0.0] / sizes[sizes > 0.0]).sum())
         size = mu
         if self._problem.stability is Spectrum.EIGENVALUES:
-            # the error of an eigenvalue is relative to its matrix, that of a multiplier to itself
+            # the error of an eigenvalue is relative to the norm of the matrix, that of a multiplier
+            # to the multiplier
             size = 1.0 if factors is None else float(np.linalg.norm(factors[0]))
         ends = [self._scaled(x, p, mu + s * _DISTURBED * size) for s in (1.0, -1.0)]
         slope = self._left.conj() @ (ends[0] - ends[1]) @ self._right.conj() / (2.0 * _DISTURBED)
@@ -93,7 +96,7 @@ class CriticalMultiplier(Condition):
 
     def residual(self, x: Array, own: Array, p: Array) -> Array:
         g = _last_column(self._bordered(x, own, p))[-1]
-        # it is real where the multiplier is
+        # g is real for a real multiplier
         return np.array([g.real, g.imag])[: 1 + self.unknowns] / self.unit
 
     def _bordered(self, x: Array, own: Array, p: Array) -> Any:
@@ -146,9 +149,9 @@ class NeimarkSacker(CriticalMultiplier):
 class Resonance(CriticalMultiplier):
     """RS: a pair of multipliers is rho exp(±2 pi i j/k), with the modulus rho as an unknown.
 
-    On a level of an integral rho is one, also beside the resonance: a condition with rho = 1 would
-    be one equation too many. The fraction j/k is the one of `RESONANCES` that is nearest to the
-    multipliers of a near solution.
+    On a level of an integral rho is one beside the resonance, too. A condition with rho = 1 would
+    therefore be one equation too many. The fraction j/k is the one of `RESONANCES` that is nearest
+    to the angle of the multipliers of a near solution.
     """
 
     unknowns = 1
@@ -200,7 +203,7 @@ class BranchPoint(CriticalMultiplier):
 class BifurcationEquations(CurveEquations):
     """F(x, p) = 0 and a condition; the unknowns are (x, own, p).
 
-    With one free parameter there are as many equations as unknowns, with two one less.
+    With one free parameter there are as many equations as unknowns, with two one equation less.
 
     Parameters
     ----------
@@ -231,14 +234,14 @@ class BifurcationEquations(CurveEquations):
         return np.concatenate([f, self._condition(y)])
 
     def is_unfolded(self, y: Array) -> bool:
-        """Whether an unfolding term is not zero: then the orbit's equations are not solved."""
+        """Whether the unfolding term is not zero: then y does not solve the orbit's equations."""
         return self.condition.unfolding is not None and bool(abs(self.split(y)[1][0]) > _UNFOLDED)
 
     def jacobian(self, y: Array) -> Array:
-        """Return the derivative, exact along all steps of Newton's method and tangents.
+        """Return a derivative that is exact along the steps of Newton's method and the tangents.
 
         The condition is differentiated along the null vectors of the orbit's equations, and along
-        the step to their solution. All steps are combinations of these directions.
+        the step to their solution. All steps and tangents are combinations of these directions.
         """
         orbit, scale = self._orbit_rows(y), self.scale(y)
         m = self._m
@@ -321,7 +324,7 @@ def null_vector(problem: Problem, x: Array, p: Array, multiplier: float) -> Arra
 def merges(problem: Problem, at: Array, p: Array, near: Array, p_near: Array) -> bool:
     """Whether two events merge in the orbit `at`, (m,), but not in one near it.
 
-    The equations are then singular without a critical multiplier.
+    The equations are then singular although no multiplier is critical.
     """
     least = [
         np.linalg.svd(problem.pencil(x, q, _BESIDE) * problem.scale(x), compute_uv=False)[-1]

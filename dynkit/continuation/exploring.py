@@ -30,11 +30,12 @@ from dynkit.orbits.newton import NoConvergence, NoSolution
 from dynkit.orbits.problem import PeriodicOrbit
 from dynkit.orbits.search import OrbitSearch
 
-# Most points of a branch in each direction.
+# Largest number of points of a branch in each direction.
 _POINTS = 4000
 # Exceptions that leave an orbit or a bifurcation unexplored; the network reports them.
 _REFUSALS = (NoSolution, NoConvergence, NoMotion)
-# Failures of the machine, after which the findings are returned. Faults of programs are raised.
+# Failures of the computer or of a worker: the branches found so far are returned. Errors of
+# programs are raised.
 _FAILURES = (MemoryError, OSError, WorkerLost)
 
 
@@ -171,9 +172,9 @@ class _UsedUp(Exception):
 @final
 @dataclass(eq=False)
 class _Lead:
-    """An orbit to continue, and the number of branches with which it was compared.
+    """An orbit to continue, and the number `compared` of branches with which it was compared.
 
-    `known` is the number of its branch, or why it cannot be compared.
+    `known` is the number of the branch that contains it, or the reason why it cannot be compared.
     """
 
     orbit: ProblemSolution
@@ -262,7 +263,10 @@ class _Exploration:
         return leads
 
     def _known(self, lead: _Lead) -> int | str | None:
-        """Return the number of the found branch that contains an orbit, or why that is unknown."""
+        """Return the number of the branch that contains an orbit, or why it cannot be compared.
+
+        None if none of the branches found so far contains it.
+        """
         while lead.known is None and lead.compared < len(self.found):
             number = lead.compared
             same = self.groups[number] == self._group(lead.orbit)
@@ -292,7 +296,11 @@ class _Exploration:
         return branch if isinstance(branch, str) else self._add(branch)
 
     def _group(self, orbit: ProblemSolution) -> Hashable:
-        """Return what the same orbits have in common; on different planes labels may differ."""
+        """Return the group of an orbit, which is the same for equal orbits.
+
+        The label is not part of it for orbits on different planes, where equal orbits may have
+        different labels.
+        """
         if self.on_planes and isinstance(orbit, PeriodicOrbit):
             return "any plane"
         return orbit.label, *orbit.counts.items()
@@ -326,14 +334,14 @@ class _Exploration:
         return number
 
     def kept(self) -> bool:
-        """Add the branches that are continued but not yet added; return whether there is any."""
+        """Add branches that were continued but not added; return whether any branch is known."""
         for lead, branch in self.ready.items():
             if isinstance(branch, Branch) and self._known(lead) is None:
                 self._add(branch)
         return bool(self.found)
 
     def network(self, finish: Finish, failure: str, describe: Describe, seconds: float) -> Network:
-        """Return the network, with all that is left unexplored."""
+        """Return the network, with the list of unexplored orbits and bifurcations."""
         left = list(self.left)
         why = finish.value
         if self.starting and finish is not Finish.COMPLETE:

@@ -16,7 +16,7 @@ from dynkit.orbits.search import OrbitSearch, checked_box, find_orbits
 Search: TypeAlias = Callable[[], OrbitSearch[Any]]
 
 Describe: TypeAlias = Callable[[Sequence[OrbitSearch[Any]]], str]
-"""Function from searches to a description of what they covered."""
+"""Function from searches to a description of their extent."""
 
 
 @runtime_checkable

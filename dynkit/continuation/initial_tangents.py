@@ -30,7 +30,7 @@ def start_points(equations: Equations, y: Array) -> list[Point]:
     _, sizes, rows = np.linalg.svd(jacobian)
     directions = [rows[n]]
     if sizes[-1] <= 1e-7 * sizes[0]:
-        with suppress(NoSolution):  # at the end of a parameter's range no two curves cross
+        with suppress(NoSolution):  # raised at the end of a parameter's range: no crossing there
             directions = crossing_directions(equations, y, scale) or directions
     points = []
     for direction in directions:

@@ -76,7 +76,7 @@ class Network(Viewed, Saved):
     finish : Finish
         Why the exploration ended.
     message : str
-        The same in words, with what is unexplored, and the extent of the search for initial orbits.
+        The reason in words, the unexplored parts, and the extent of the search for initial orbits.
     cost : Cost
     """
 

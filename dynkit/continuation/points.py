@@ -89,7 +89,7 @@ def beside(before: Point, after: Point, y: Array, slack: tuple[float, float], mo
 
 
 def slope(point: Point, way: Array) -> Array:
-    """Return the tangent of a point, as long as a way in the scale of that point."""
+    """Return the tangent of a point with the length of the vector `way`, in the point's scale."""
     return np.asarray(point.tangent * point.scale * np.linalg.norm(way / point.scale))
 
 

@@ -33,7 +33,8 @@ def tangent(point: Point, before: Point | None, step: float) -> Array:
 def cubic(point: Point, before: Point | None, step: float) -> Array:
     """Return the guess on the cubic through the last two points with their tangents.
 
-    The guess is on the tangent without a previous point, or where that is much closer than a step.
+    Without a previous point, and for a step of more than `_FURTHEST` times the last one, the guess
+    is on the tangent.
     """
     if before is not None:
         way = (point.y - before.y) / point.scale

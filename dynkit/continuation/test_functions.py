@@ -16,7 +16,7 @@ from dynkit.orbits.events import events_of, is_admissible
 from dynkit.orbits.kinds import BifurcationKind
 from dynkit.orbits.spectrum import Spectrum
 
-# Largest difference of the product of two conservative multipliers from one, relative.
+# Largest relative difference from one of the product of two multipliers of a conservative orbit.
 _AREA = 1e-6
 
 
@@ -43,7 +43,7 @@ def examine(problem: Problem, point: Point) -> Seen:
     kind, values = problem.stability, np.asarray(problem.spectrum(x, p))
     flip = False
     if kind.periodic:
-        # not the sign of multipliers, which may change through infinity
+        # the sign of a determinant: the sign of a multiplier may change through infinity
         flip = bool(np.linalg.slogdet(problem.pencil(x, p, -1.0))[0] < 0.0)
     upper = values[(values.imag > 0.0) & ~are_real(values)]
     inside = int(np.count_nonzero(kind.inside(upper)))
@@ -65,7 +65,7 @@ def crossings(before: Point, after: Point, tests: tuple[TestFunction, ...]) -> t
     events = zip(before.seen.events, after.seen.events, strict=True)
     for i, (here, there) in enumerate(events):
         u, v = here.value, there.value
-        if (u < 0.0) != (v < 0.0) and u == u and v == v:  # not where a sign is undefined (NaN)
+        if (u < 0.0) != (v < 0.0) and u == u and v == v:  # a NaN has no sign
             found.append(Crossing(here.kind, i, here.ends))
     return tuple(found)
 
@@ -73,8 +73,8 @@ def crossings(before: Point, after: Point, tests: tuple[TestFunction, ...]) -> t
 def turns(seen: Seen) -> float:
     """Return the angle of the multipliers of a conservative orbit, in turns from 0 to 1/2.
 
-    It is 0 for positive multipliers and 1/2 for negative ones. NaN where there are not two
-    multipliers with the product one.
+    It is 0 for positive multipliers and 1/2 for negative ones. It is NaN unless there are exactly
+    two multipliers, and their product is one.
     """
     values = seen.spectrum
     if seen.kind is not Spectrum.CONSERVATIVE or len(values) != 2:
@@ -85,7 +85,7 @@ def turns(seen: Seen) -> float:
 
 
 def resonances(before: Seen, after: Seen) -> list[float]:
-    """Return those of `RESONANCES` that the angle of the multipliers passes."""
+    """Return the angles of `RESONANCES` that the angle of the multipliers passes."""
     low, high = sorted((turns(before), turns(after)))
     return [each for each in RESONANCES if low <= each < high]
 
@@ -104,18 +104,19 @@ def _period_doublings(before: Point, after: Point) -> int:
 
 
 def _several(passed: int, odd: bool) -> int:
-    """Return the number of bifurcations; the sign of a determinant says whether it is odd.
+    """Return the number of bifurcations: the count `passed` of multipliers, or 0 or 1.
 
-    Multipliers may also change through infinity.
+    `odd` is the parity from the sign of a determinant. The count is used only if it is above one
+    and has this parity, because multipliers may also change through infinity.
     """
     return passed if passed > 1 and passed % 2 == odd else int(odd)
 
 
 def _passed(before: Point, after: Point, side: float) -> int:
-    """Return how many real numbers of one sign pass the border in one direction within a step.
+    """Return how many real multipliers of one sign cross the border together within a step.
 
-    Such are the double ones of a symmetric system. They are as many as are outside more, otherwise
-    0 is returned.
+    The double multipliers of a symmetric system do. The count is 0 unless it equals the change of
+    the number of all multipliers beyond the border. For an equilibrium these are eigenvalues.
     """
     a, b = before.seen, after.seen
     values = [seen.spectrum[~seen.kind.inside(seen.spectrum)] for seen in (a, b)]
@@ -139,9 +140,9 @@ def _resonances(before: Point, after: Point) -> int:
 def _pairs(before: Point, after: Point) -> int:
     """Return the number of complex pairs that cross the border of stability within a step.
 
-    Where pairs become real, or real ones become complex, the sign of the product over i < j of
-    mu_i mu_j - 1 decides: it changes only when a pair is on the unit circle, or when two real
-    multipliers have the product one. For eigenvalues it is the product of sums.
+    Where pairs become real, or real multipliers become a pair, the sign of the product over i < j
+    of mu_i mu_j - 1 decides. It changes only when a pair is on the unit circle, or when two real
+    multipliers have the product one. For eigenvalues the factors are the sums of two of them.
     """
     a, b = before.seen, after.seen
     if a.pairs == b.pairs:

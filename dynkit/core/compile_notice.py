@@ -1,7 +1,7 @@
 """One line on a terminal while kernels are compiled for longer than a second.
 
-Meanwhile no garbage is collected: Numba makes millions of objects, and searching them again and
-again takes a tenth of the time.
+During compilation no garbage is collected: Numba makes millions of objects, and the collector's
+repeated searches take a tenth of the time.
 """
 
 from __future__ import annotations
@@ -20,7 +20,9 @@ _QUIET = 1.0
 
 @dataclass
 class Notice:
-    """The line. Compilations are nested: a kernel's begins before those of the kernels it calls.
+    """The line of text about compilations.
+
+    Compilations are nested: that of a kernel begins before those of the kernels that it calls.
 
     Parameters
     ----------
@@ -38,7 +40,7 @@ class Notice:
     _collects: bool = False
 
     def begin(self) -> None:
-        """A compilation begins."""
+        """Record that a compilation begins."""
         if not self._depth:
             self._since = self.clock()
             self._collects = gc.isenabled()
@@ -52,7 +54,7 @@ class Notice:
             sys.stderr.flush()
 
     def end(self) -> None:
-        """A compilation has ended."""
+        """Record that a compilation has ended."""
         self._depth -= 1
         if self._collects and not self._depth:
             gc.enable()
@@ -81,5 +83,5 @@ def announce(folder: Path) -> None:
 
 
 def _is_ours(event: Any) -> bool:
-    """Whether the kernel is one of dynkit, and no function of the user."""
+    """Whether the compiled function is a kernel of dynkit, and not one of the user."""
     return str(event.data["dispatcher"].py_func.__module__).startswith("dynkit.")

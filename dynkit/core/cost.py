@@ -8,7 +8,7 @@ from typing import final
 from dynkit.core.validation import non_negative, non_negative_integer
 
 _SMALL = 2**32
-"""Python integers from 0 to this skip the full check: a sweep has several counts at each value."""
+"""Python integers from 0 to this skip the full check, because a sweep makes many counts."""
 
 
 @final

@@ -9,27 +9,29 @@ from dynkit.core.no_motion import NoMotion, Refused
 from dynkit.core.validation import Array
 
 STEP = 1e-40
-"""Size of imaginary parts that stand for changes: its square vanishes beside one."""
+"""Imaginary step of complex-step derivatives: its square is negligible beside one."""
 
-# The first relative step is accuracy**(1 / 9): at order 8 it balances truncation and the errors of
-# the values.
+# The first relative step is accuracy**(1 / (_ORDER + 1)): at order 8 it balances the truncation
+# error and the errors of the values.
 _ORDER = 8
-# Each step is half of the one before, at most _HALVINGS of them. The extrapolation ends after
-# _PATIENCE steps without a better estimate once the relative error is below _CLEAR (smaller steps
-# only add rounding) or all values are the same, or as soon as the relative error is _ENOUGH.
+# There are at most _HALVINGS steps, each half of the one before. The extrapolation ends when the
+# relative error is _ENOUGH. It also ends after _PATIENCE steps without a better estimate, if the
+# relative error is below _CLEAR (smaller steps only add rounding) or all values are the same.
 _HALVINGS, _PATIENCE, _CLEAR, _ENOUGH = 40, 3, 1e-6, 1e-11
-# Steps of a small coordinate are relative to this part of the state's largest number, as in the
-# scales of periodic orbits.
+# Steps of a small coordinate are relative to this fraction of the largest number of the state, as
+# in the scales of periodic orbits.
 _TENTH = 0.1
-# Steps relative to one, halved, do not resolve functions that vary over less than this.
+# A parameter below this is first changed relative to itself: steps relative to one do not resolve
+# a function that varies over so small a change.
 _SMALL = 1e-8
 # At a corner whose slopes differ by 1 the mean of both values is step / 4 in units of the width.
 # Extrapolation reduces it by (2/3)(14/15)(62/63)... = 0.61 to 0.15, while the slope is off by 0.5.
 _MARGIN = 4.0
-# Errors of smooth functions fall by many digits. An error above this part of the slope did not.
+# Differences do not converge if their error is above this fraction of the slope: for a smooth
+# function the error falls by many digits.
 _UNSETTLED = 0.25
-# A slope of zero is accepted when its error is explained by the errors of the values at the fifth
-# of all steps.
+# A slope near zero is accepted if its error is below that of a difference quotient at the fifth
+# step, a sixteenth of the first, which follows from the errors of the values.
 _BLUR = _MARGIN * 16.0
 
 
@@ -95,7 +97,7 @@ def parameter_difference(
         scales = sorted({max(abs(value), 1.0), abs(value) or 1.0}, reverse=abs(value) >= _SMALL)
     for scale in scales:
         found, error, _ = _derivative(function, value, scale, center, size, accuracy, difference)
-        # where two disagree, the larger steps do not resolve the function
+        # where two scales disagree, the larger steps do not resolve the function
         apart = abs(found - best) > _MARGIN * (error + least)
         better = np.where(apart, scale < before, error < least)
         best, least = np.where(better, found, best), np.where(better, error, least)
@@ -129,7 +131,7 @@ def numerical_derivative(
     difference : callable
         Difference of two values, for values that hold angles.
     least : float
-        Over which numbers the function varies, for points near zero whose values are near zero.
+        Change over which the function varies, for points near zero whose values are near zero.
 
     Returns
     -------
@@ -174,7 +176,7 @@ def numerical_derivative(
         scale = max(abs(value), _TENTH * size) or 1.0
         with np.errstate(over="ignore", invalid="ignore", divide="ignore"):
             slope, off, steep = _derivative(along, value, scale, center, size, accuracy, difference)
-        # a function that is zero at the point itself has rounding errors only in its slope
+        # if values and point are zero, the only rounding error is that of the slope
         derivative[:, k], error[:, k] = slope, _MARGIN * off + accuracy * abs(slope)
         blur = _BLUR * accuracy ** (_ORDER / (_ORDER + 1.0)) * size / scale
         if error[:, k].max() > max(_UNSETTLED * max(abs(slope).max(), steep), blur):
@@ -283,7 +285,7 @@ def extrapolated(
         else:
             found = best = slope
             its_error = error = np.full(slope.shape, np.inf)
-        # an earlier estimate that smaller steps contradict agreed by chance
+        # an earlier estimate that smaller steps contradict had a small error by chance
         contradicted = abs(found - best) > _MARGIN * (error + its_error)
         better = (its_error < error) | contradicted
         best, error = np.where(better, found, best), np.where(better, its_error, error)

@@ -11,9 +11,9 @@ from dynkit.core.validation import Array
 
 
 def stretched(steps: Sequence[Sequence[Any]], frame: Array) -> tuple[Array, Array]:
-    """Carry a frame (d, k), modified in place, by steps; logs (n, k) of its growth, their errors.
+    """Carry a frame (d, k) by n steps, in place; return the logs (n, k) of its growth and errors.
 
-    A step has factors (m, d, d), errors (m,) of their entries, and may have the number of
+    A step has factors (m, d, d) and errors (m,) of their entries. It may also have the number of
     directions that are known to be lost in each factor: see `stretching_kernels.carry`.
     """
     from dynkit.core.stretching_kernels import decompose

@@ -6,7 +6,7 @@ kernel source of the package.
 
 The cache holds machine code and an index that Python's pickle reads, and a pickle can run any code.
 So the folder must belong to the user and nobody else may write to it; otherwise a temporary folder
-replaces it. heyoka keeps code, too, in a folder of its own. Nothing else that dynkit reads is code.
+replaces it. heyoka also keeps compiled code, in a folder of its own. dynkit reads no other code.
 """
 
 from __future__ import annotations
@@ -46,7 +46,7 @@ def _private(folder: Path) -> bool:
         folder.mkdir(mode=0o700, parents=True, exist_ok=True)
         with tempfile.TemporaryFile(dir=folder):
             pass
-        if sys.platform == "win32":  # a user's own folders are closed to others there
+        if sys.platform == "win32":  # other users cannot write to a user's folders there
             return True
         found = folder.stat()
     except OSError:
@@ -68,7 +68,9 @@ def _kernel_sources() -> list[Path]:
 
 @cache
 def cache_folder() -> Path:
-    """Folder of the compiled kernels, named after a hash of their sources and Numba's version.
+    """Return the folder of the compiled kernels, named after a hash of their sources.
+
+    The hash also covers Numba's version.
 
     The base is ``NUMBA_CACHE_DIR`` where it is set, otherwise the user's cache folder. Where others
     may write to that folder, or the user may not, it is a temporary folder of this process.
@@ -103,21 +105,22 @@ _PASSES = {
     "native_lowering",
     "nopython_backend",
 }
-"""Passes of Numba's compiler that kernels need: they have no closures or array expressions."""
+"""Passes of Numba's compiler that kernels need, which have no closures or array expressions."""
 
 
 @cache
 def _classes() -> Any:
-    """Return Numba's classes with what kernels need, and nothing else: two thirds of the time.
+    """Return subclasses of Numba's compiler classes that do only what kernels need.
 
-    Numba would compile a function again for every integer constant that is passed to it. Inner
-    kernels, which only kernels call, are compiled once for all integers, unless `constants` is
-    true. Numba would also optimise each of them, with all that it calls, and make machine code of
-    it. Their code is linked into that of the kernels that Python calls, and optimised as a whole.
+    They take two thirds of the time. Numba would compile a function again for every integer
+    constant that is passed to it. Inner kernels, which only kernels call, are compiled once for all
+    integers, unless `constants` is true. Numba would also optimise each inner kernel, together with
+    all kernels that it calls, and make machine code of it. Here the code of inner kernels is linked
+    into the code of the entries, the kernels that Python calls, and optimised as a whole.
 
-    An entry runs no code of another entry, whose bits would depend on which was loaded first. All
-    entries have the same bits: sums have one order, except in functions that stay out of line,
-    which are optimised by themselves.
+    An entry runs no code of another entry: otherwise its bits would depend on the order in which
+    entries were loaded. All entries have the same bits: sums have a fixed order, except in
+    functions that are not inlined, and these are optimised by themselves.
     """
     from llvmlite import binding
     from numba.core import codegen, compiler, compiler_machinery, dispatcher, types, typing
@@ -136,9 +139,9 @@ def _classes() -> Any:
     apart = b"noinline"
 
     class Function(types.Function):
-        """A function of Numba, such as an operator. Types of a call are found once, of many rules.
+        """A function of Numba, such as an operator, that keeps the types found for its calls.
 
-        Implementations are those of the given function.
+        Numba would search its typing rules at each call. Implementations are those of `given`.
         """
 
         def __init__(self, given: Any) -> None:
@@ -149,7 +152,7 @@ def _classes() -> Any:
         def get_call_type(self, context: Any, args: Any, kws: Any) -> Any:
             if kws:
                 return super().get_call_type(context, args, kws)
-            key = args, flags.top_or_none()  # some are compiled as their callers are
+            key = args, flags.top_or_none()  # some functions are compiled with their callers' flags
             if key not in self._known:
                 found: Any = super().get_call_type(context, args, kws)
                 self._known[key] = found, self._impl_keys[found.args]
@@ -159,7 +162,7 @@ def _classes() -> Any:
     function_of = cache(Function)
 
     class Typing(context_of_types):  # type: ignore[misc]
-        """Numba's context of types, with functions of its own."""
+        """Numba's typing context, in which functions are instances of `Function`."""
 
         def resolve_value_type(self, value: Any) -> Any:
             if getattr(value, "__module__", None) != "_operator":
@@ -185,7 +188,7 @@ def _classes() -> Any:
         __slots__ = ()
         __hash__ = object.__hash__
 
-        def __eq__(self, other: object) -> bool:  # values are compared again and again otherwise
+        def __eq__(self, other: object) -> bool:  # comparing all values each time takes long
             return self is other
 
         def copy(self) -> Any:
@@ -197,7 +200,7 @@ def _classes() -> Any:
         def _customize_flags(self, flags: Any) -> Flags:
             return self.kinds.setdefault(repr(flags), Flags(flags))
 
-    def size_of(kind: Any) -> int:  # as LLVM finds it, for which Numba compiles a module each time
+    def size_of(kind: Any) -> int:  # kept: Numba compiles a module for each query of LLVM
         text = str(kind)
         if text not in sizes:
             sizes[text] = context.get_abi_sizeof(kind)
@@ -293,7 +296,7 @@ def _classes() -> Any:
 def address_of(compiled: Any, *given: Any) -> int:
     """Return the address of the machine code of an entry for such arguments; compile it if missing.
 
-    Where nothing is compiled it is 1.
+    The address is 1 where compilation is disabled.
     """
     if not hasattr(compiled, "overloads"):
         return 1
@@ -305,10 +308,10 @@ def address_of(compiled: Any, *given: Any) -> int:
 
 
 def by_address(function: Callable[..., Any], *numbers: type) -> Any:
-    """Return what calls an entry from a kernel, with (address, arguments).
+    """Return a function of kernels, (address, arguments), that calls an entry by its address.
 
-    What happens rarely is compiled when it first happens, and not with the kernel that calls it.
-    The entry returns one of these numbers, int, float or bool, or a tuple of several.
+    Code for rare events is thus compiled when it is first needed, and not with the kernel that
+    calls it. `numbers` are the types, int, float or bool, of the numbers that the entry returns.
     """
     import numba
 
@@ -359,7 +362,7 @@ def kernel(
         the compilation time.
     reorder
         The compiler may reorder the sums of this function and use fused multiply-add operations.
-        It does so in one way: the function is not inlined, and the same in all entries. Never for
+        The function is not inlined, so that its code is the same in all entries. Never use it for
         double-double arithmetic.
     inline
         The kernel is inlined into its callers.
@@ -367,8 +370,8 @@ def kernel(
         The kernel is compiled for each set of integer constants that is passed to it: inner loops
         that start at a known zero are a fifth faster.
     nogil
-        A call from Python releases the interpreter lock: only where no two calls share a buffer
-        that they modify.
+        A call from Python releases the interpreter lock. Use it only where no two calls share a
+        buffer that they modify.
     """
     import numba
     import numpy as np
@@ -388,7 +391,7 @@ def kernel(
     settings: Any = numba.config
 
     def decorate(function: _Function) -> _Function:
-        if settings.DISABLE_JIT:  # the same arithmetic: a division by zero gives infinity
+        if settings.DISABLE_JIT:  # arithmetic as in compiled code: division by zero gives infinity
             plain: _Function = np.errstate(all="ignore")(function)
             return plain
         _announced()

@@ -1,4 +1,4 @@
-"""Results of methods that are asked for again and again, and objects that share them."""
+"""Results of methods that are kept because they are needed repeatedly, and copies of objects."""
 
 from __future__ import annotations
 
@@ -46,8 +46,8 @@ def kept(
 ) -> Callable[Concatenate[Any, _Given], _Found]:
     """Make a method keep its results with its object, for each set of positional arguments.
 
-    Arguments are hashable, or arrays of one shape and type, which count by their numbers. Arrays
-    that are returned are read-only.
+    Arguments are hashable, or arrays, which are compared by their numbers: an array argument must
+    always have the same shape and type. Arrays that are returned are read-only.
 
     Examples
     --------

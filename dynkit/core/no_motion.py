@@ -38,7 +38,7 @@ class Diverged(NoMotion):
 
 
 class CannotFollow(NoMotion):
-    """The integrator fails or exceeds its number of steps, or friction leaves a force open."""
+    """The integrator fails or exceeds its number of steps, or friction leaves a force unknown."""
 
 
 class Refused(NoMotion, ValueError):
@@ -64,7 +64,7 @@ def replaced(system: _System, **parameters: float) -> _System:
     Raises
     ------
     Refused
-        When `replace` refuses a value with ValueError, or energies with it are no energies.
+        When `replace` refuses a value with ValueError, or derived quantities show it to be invalid.
     """
     try:
         made = system.replace(**parameters)

@@ -1,12 +1,12 @@
-"""Subclasses of users: an override counts wherever its class is used, or it is refused.
+"""Rules for subclasses of users: an override has effect in all results, or the class is refused.
 
-A class must not override what its bases mark by `typing.final` or list as `_closed`. It must
-annotate those fields of its bases to which it gives other defaults. A method that follows from
-others, such as a jacobian, is inherited only together with these originals; where one is overridden
-or replaced, the class has the general method of the last base, such as differences. What many
-instances share, such as the matrices of energies, is derived anew where a field that it reads is
-different, or where the code of the class has changed. Stores and workers compare a digest of this
-code (`user_code`).
+A class must not override members that its bases mark by `typing.final` or list as `_closed`. It
+must annotate a field of a base to which it gives another default. A method that is derived from
+other methods, its originals, such as a jacobian, is inherited only together with them. If an
+original is overridden or replaced, the class has the general method of the last base, such as
+differences. Results that many instances share, such as the matrices of energies, are computed again
+when a field that their computation reads is different, or when the code of the class has changed.
+Stores and workers compare a digest of this code (`user_code`).
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ from dynkit.core.user_code import is_users
 
 
 class _Renewing(ABCMeta):
-    """Finds again what a class inherits when an original, or what follows from it, is replaced."""
+    """Updates the inherited methods of a class when an original or a derived method is replaced."""
 
     _following: Mapping[str, tuple[str, ...]]
 
@@ -41,16 +41,16 @@ class _Renewing(ABCMeta):
 
 
 class Extensible(metaclass=_Renewing):
-    """A class that users may subclass; the rule is that of this module.
+    """A class that users may subclass by the rules of this module.
 
     Raises
     ------
     TypeError
-        When a class is defined that breaks the rule.
+        When a class is defined that breaks a rule.
     """
 
     _following: ClassVar[Mapping[str, tuple[str, ...]]] = {}
-    """For methods that follow from others, by name, the names of these originals."""
+    """For each derived method, by name, the names of its originals."""
 
     _closed: ClassVar[frozenset[str]] = frozenset()
     """Names of members that classes of users must not override."""
@@ -64,7 +64,7 @@ class Extensible(metaclass=_Renewing):
 
 
 def watching(kind: type) -> Any:
-    """Return a subclass whose instances note the names of attributes that are read."""
+    """Return a subclass whose instances record the names of the attributes that are read."""
     with _lock:
         if "_watching" not in vars(kind):
             type.__setattr__(kind, "_watching", _watching(kind))
@@ -100,18 +100,18 @@ def open_members(kind: type) -> list[str]:
 
 
 def _final_in(base: type) -> set[str]:
-    """Names of what subclasses of a class must not override."""
+    """Return the names of the members that subclasses of a class must not override."""
     return {n for n, m in vars(base).items() if _is_marked(m)}.union(vars(base).get("_closed", ()))
 
 
 def _is_marked(member: Any) -> bool:
-    # an instance of a final class has this attribute by its class
+    # look into the member's own dictionary: an instance of a final class has it from its class
     parts = (each for each in (member, getattr(member, "fget", None)) if not isinstance(each, type))
     return any("__final__" in getattr(each, "__dict__", ()) for each in parts)
 
 
 def _refuse_final(cls: type) -> None:
-    """Refuse overrides of what a base marks as final, also by a base of another family."""
+    """Refuse overrides of members that a base marks as final, also by another of the bases."""
     before: set[str] = set()
     for base in cls.__mro__:
         if base is not cls and "__final__" in vars(base):
@@ -140,14 +140,14 @@ def _refuse_bare_fields(cls: type) -> None:
 
 
 def _inherit(cls: Any) -> None:
-    """Give a class those methods of its bases that hold for its originals."""
+    """Give a class the derived methods of its bases that belong to its originals."""
     found = dict(vars(cls).get("_inherited", {}))
     for name in found.keys() & vars(cls).keys():
         if vars(cls)[name] is found[name]:
             type.__delattr__(cls, name)
     for name, originals in cls._following.items():
         bases = [base for base in cls.__mro__ if name in vars(base)]
-        # that of the last base takes any original
+        # the method of the last base works with any original
         holds = next((b for b in bases[:-1] if not _stale(cls, b, originals)), bases[-1])
         if holds is not bases[0]:
             _refuse_circle(cls, name, _stale(cls, bases[0], originals))
@@ -157,7 +157,7 @@ def _inherit(cls: Any) -> None:
 
 
 def _stale(cls: type, base: type, originals: tuple[str, ...]) -> list[str]:
-    """Originals that a base knows, and that the class has from a base before it."""
+    """Return the originals of a base that a class before it in `cls.__mro__` defines."""
     before = cls.__mro__[: cls.__mro__.index(base)]
     known = (each for each in originals if hasattr(base, each))
     concrete = (n for n in known if not getattr(getattr(base, n), "__isabstractmethod__", False))
@@ -165,7 +165,7 @@ def _stale(cls: type, base: type, originals: tuple[str, ...]) -> list[str]:
 
 
 def _refuse_circle(cls: type, name: str, stale: list[str]) -> None:
-    """Refuse that differences of an original call a method that is computed by them."""
+    """Refuse a class in which differences of an original call the method that they compute."""
     for original in stale:
         bases = [base for base in cls.__mro__ if original in vars(base)]
         members = (vars(base)[original] for base in bases[:-1])

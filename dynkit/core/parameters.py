@@ -53,7 +53,7 @@ class Family(Extensible, Shown):
     def identity(self) -> Mapping[str, object]:
         """Everything that the motion depends on, by name; stores compare it.
 
-        Of a class outside of this package, `code` is a digest of its code.
+        For a class outside of this package, `code` is a digest of its code.
         """
         instance: Any = self  # is_dataclass would narrow the type
         own = {"code": digest} if (digest := code_of(type(self))) else {}
@@ -92,7 +92,7 @@ class Family(Extensible, Shown):
         return changed
 
     def _examine(self) -> None:
-        """Raise ValueError where only what follows from the values shows that they are refused."""
+        """Raise ValueError when quantities derived from the values show that they are invalid."""
 
 
 @lru_cache
@@ -107,7 +107,7 @@ def cached_in(kind: type) -> frozenset[str]:
 
 
 def without_cached(instance: object) -> dict[str, Any]:
-    """Return the attributes of an object that are no cached properties, for pickle."""
+    """Return the attributes of an object without its cached properties, for pickle."""
     kind: Any = type(instance)
     return {name: v for name, v in vars(instance).items() if name not in cached_in(kind)}
 
@@ -123,7 +123,7 @@ def _make_dataclass(cls: type) -> None:
 
 
 def _refuse_hiding(cls: type) -> None:
-    """Refuse fields of a class that hide what its bases compute, such as a matrix `stiffness`."""
+    """Refuse fields of a class that hide a method or property of its bases, such as `stiffness`."""
     for name, annotation in inspect.get_annotations(cls).items():
         base = next((base for base in cls.__mro__[1:] if name in vars(base)), object)
         hidden = vars(base).get(name)

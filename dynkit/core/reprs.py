@@ -52,7 +52,7 @@ class Tabled:
 
 
 class Shown(Tabled):
-    """A system whose repr shows what differs from its defaults; notebooks show all arguments.
+    """A system whose repr shows arguments that differ from their defaults; notebooks show all.
 
     The repr of a dataclass shows the fields that differ from their defaults; that of another class
     shows its ``parameters``. Long arrays are shown by their shapes. A repr without such arrays is

@@ -143,7 +143,7 @@ class SmoothMap(Family, ABC):
 
     @property
     def _families(self) -> str:
-        """Where orbits may form families, for the user to read; empty where none are expected."""
+        """Text for the user about orbits that form families; empty where none are expected."""
         return ""
 
     def orbit_factors(
@@ -166,7 +166,7 @@ class SmoothMap(Family, ABC):
         return given == (SmoothMap.jacobian, SmoothMap.jacobian_factors)
 
     def _differences(self, state: Array) -> tuple[Array, Array]:
-        """The jacobian, (d, d), by differences, and its error."""
+        """Return the jacobian, (d, d), by differences, and its error, (d, d)."""
         here = finite_array("state", state, (self.dimension,))
         return numerical_derivative(
             self.image, here, accuracy=self.accuracy, difference=self.difference
@@ -198,9 +198,9 @@ class SmoothMap(Family, ABC):
         """Return the derivative of the next state with respect to a parameter.
 
         A subclass may define it. Otherwise it is computed from differences of maps that `replace`
-        returns (`dynkit.core.differences.parameter_difference`). Let the map vary over changes of
-        the parameter by its own size, or by one. Then the relative error is about 1e-11 when calls
-        have rounding errors only, and 1e-9 for an `accuracy` of 1e-11.
+        returns (`dynkit.core.differences.parameter_difference`). The relative error is about 1e-11
+        when calls have rounding errors only, and 1e-9 for an `accuracy` of 1e-11. This requires
+        that the map varies over changes of the parameter by its own size, or by one.
 
         Parameters
         ----------
@@ -245,7 +245,7 @@ class SmoothMap(Family, ABC):
     def _path(self, state: Array, samples: int) -> tuple[Array, Array] | None:  # noqa: ARG002
         """Return times (m,) and states (m, k) of the flow up to the image; None for a map.
 
-        There are this number of samples, or one fewer.
+        m is the number of samples asked for, or one less.
         """
         return None
 
@@ -270,7 +270,7 @@ class SmoothMap(Family, ABC):
         return np.full(len(states), self.accuracy * float(abs(states).max(initial=0.0)))
 
     def _reach(self, states: Array) -> float:  # noqa: ARG002
-        """Return the largest coordinate on the ways from states (n, d), where there are ways."""
+        """Return the largest coordinate on the paths of a flow from states (n, d); 0 for a map."""
         return 0.0
 
     def stretching(self, state: Any, n: int, frame: Array | None = None) -> Stretching:
@@ -323,9 +323,10 @@ class SmoothMap(Family, ABC):
         return Stretching(logs, errors, None if np.isnan(times).any() else times, here, frame)
 
     def _growth(self, state: Array, n: int) -> Array:
-        """Logarithms (n,) by which the next n iterates stretch a generic direction, one by one.
+        """Return the logarithms (n,) by which each of the next n iterates stretches a direction.
 
-        All are -inf where it vanishes, as on a superstable orbit.
+        The first direction is generic. All are -inf where it becomes zero, as on a superstable
+        orbit.
         """
         direction, logs = generic_direction(state.size), np.empty(n)
         for i in range(n):
@@ -338,11 +339,11 @@ class SmoothMap(Family, ABC):
         return logs
 
     def _pushed(self, state: Array, direction: Array) -> tuple[Array, Array]:
-        """Return the next state, (d,), and what the jacobian makes of a direction, (d,)."""
+        """Return the next state, (d,), and the product, (d,), of the jacobian and a direction."""
         return self.image(state), self.jacobian(state) @ direction
 
     def _frame(self, state: Array) -> Array:  # noqa: ARG002
-        """The first frame of directions, (d, k): those without an exponent are left out."""
+        """Return the first frame of directions, (d, k), without those that have no exponent."""
         return np.eye(self.dimension)
 
     def _followed(
@@ -350,10 +351,11 @@ class SmoothMap(Family, ABC):
         state: Array,
         most: int,  # noqa: ARG002
     ) -> tuple[Array, list[tuple[Any, ...]], Sequence[float]]:
-        """The state after some iterates, at most `most`; `jacobian_factors` and time of each.
+        """Return the state after up to `most` iterates, and factors and time of each iterate.
 
-        After the factors and their errors may follow how many directions are known to be lost in
-        each factor. A time is NaN for a map without times.
+        The factors are the `jacobian_factors`: matrices and errors. A third entry may follow, the
+        number of directions that are known to be lost in each factor. A time is NaN for a map
+        without times.
         """
         untimed = type(self).return_time is SmoothMap.return_time
         time = np.nan if untimed else self.return_time(state)
@@ -407,7 +409,7 @@ class SmoothMap(Family, ABC):
 
     @final
     def _returned(self, state: Array) -> Array:
-        """The next state, (d,), as numbers; ValueError where the call returns anything else."""
+        """Return the next state, (d,); ValueError when the call does not return such an array."""
         return returned(self, self(state), self.dimension)
 
     @final
@@ -428,7 +430,7 @@ class SmoothMap(Family, ABC):
 
 
 def checked_map(system: object, kind: type = SmoothMap, what: str = "a Map") -> Any:
-    """Return the system after a check that it is a map, or what else is described, of this kind.
+    """Return the system after a check that it is an instance of a kind, by default a map.
 
     Raises
     ------

@@ -8,7 +8,8 @@ import numpy as np
 from dynkit.core.validation import Array
 
 CLEAR = 1e3
-"""A direction shorter than this many of its errors has no reliable logarithm (to 1e-3): NaN."""
+"""A direction shorter than this many times its error has no logarithm (NaN): the logarithm would be
+less accurate than 1e-3."""
 
 
 @final
@@ -20,7 +21,7 @@ class Stretching:
     ----------
     logs : (n, d) array
         Logarithms of the diagonal of R in the QR decomposition after each step. Minus infinity
-        where the length is zero; NaN where the length is not clear of its error.
+        where the length is zero; NaN where the length is at most `CLEAR` times its error.
     errors : (n, d) array
         Estimates of the errors of the logarithms, to first order.
     times : (n,) array or None
@@ -28,7 +29,7 @@ class Stretching:
     state : (d,) array
         The state after the last step.
     frame : (d, k) array
-        The frame after the last step, in the coordinates of the one who stretches it.
+        The frame after the last step, in the coordinates of the system that made it.
     final : start
         The start from which the motion, with this frame, continues: by default the state.
     """
@@ -53,7 +54,7 @@ def product_with_error(factors: Array, errors: Array) -> tuple[Array, float]:
     """
     product, error = factors[0], np.full(factors[0].shape, errors[0])
     for factor, off in zip(factors[1:], errors[1:], strict=True):
-        # entry by entry: norms of factors would multiply the units of coordinates
+        # bound each entry: with norms of factors the units of different coordinates would mix
         error = abs(factor) @ error + off * abs(product).sum(axis=0)
         product = factor @ product
     return product, float(error.max())

@@ -14,9 +14,10 @@ from dynkit.core.validation import Array
 def decompose(
     matrices: Array, off: Array, lost: NDArray[np.intp], frame: Array, logs: Array, errors: Array
 ) -> None:
-    """Carry a frame (d, k) by matrices (n, d, d), each with its error and lost directions: `carry`.
+    """Carry a frame (d, k) by matrices (n, d, d), one after the other, by `carry`.
 
-    All but the errors (n,) and lost directions (n,) are modified in place.
+    `off` (n,) are the errors of their entries, `lost` (n,) the numbers of lost directions. All
+    other arrays are modified in place.
     """
     for i in range(len(matrices)):
         carry(matrices[i], frame, off[i], lost[i], logs[i], errors[i])
@@ -24,12 +25,13 @@ def decompose(
 
 @kernel()
 def carry(matrix: Array, frame: Array, error: float, lost: int, logs: Array, errors: Array) -> None:
-    """Carry a frame (d, k) by a matrix (d, d); logarithms (k,) of lengths, and their errors.
+    """Multiply a frame (d, k) by a matrix (d, d), and write the logarithms (k,) of the lengths.
 
     The columns of the frame are made orthonormal. The length of a direction is that of its part
     orthogonal to the directions before it. Its log is minus infinity where the length is zero, and
-    NaN where the length is less than a thousand errors of the matrix' entries. So many lengths as
-    are known to be lost are zero: the shortest ones are rounding. All arrays are modified in place.
+    NaN where the length is less than a thousand times `error`, the error of the matrix' entries.
+    The `lost` shortest lengths are set to zero, because they are rounding errors. `errors` (k,) are
+    those of the logs. All arrays are modified in place.
     """
     k = frame.shape[1]
     for row in matrix:
@@ -51,7 +53,10 @@ def carry(matrix: Array, frame: Array, error: float, lost: int, logs: Array, err
 
 @kernel()
 def _row_times(row: Array, frame: Array, room: Array) -> None:
-    """Put the product of a row (d,) with a frame (d, k) into its first k numbers."""
+    """Replace the first k numbers of a row (d,) by its product with a frame (d, k); in place.
+
+    `room` (k,) is scratch.
+    """
     d, count = frame.shape
     for k in range(count):
         total = 0.0
@@ -64,12 +69,11 @@ def _row_times(row: Array, frame: Array, room: Array) -> None:
 
 @kernel()
 def _decompose(matrix: Array, frame: Array, lengths: Array) -> None:
-    """QR of k columns of a matrix (d, d): the frame is Q, the lengths are R's diagonal.
+    """QR decomposition of k columns of a matrix (d, d): the frame is Q, the lengths R's diagonal.
 
-    All are modified.
-
-    By Gram and Schmidt, each column twice where the first time leaves less than half of it: W.
-    Hoffmann, Iterative algorithms for Gram-Schmidt orthogonalization, Computing 41 (1989) 335-348.
+    All arrays are modified in place. The method is Gram-Schmidt orthogonalization, repeated for a
+    column of which less than half of the length remains: W. Hoffmann, Iterative algorithms for
+    Gram-Schmidt orthogonalization, Computing 41 (1989) 335-348.
     """
     d, count = frame.shape
     for k in range(count):
@@ -91,7 +95,7 @@ def _decompose(matrix: Array, frame: Array, lengths: Array) -> None:
 
 @kernel()
 def _complete(matrix: Array, k: int) -> None:
-    """Make column k, modified in place, any direction orthogonal to those before it."""
+    """Replace column k, in place, by a unit vector orthogonal to the columns before it."""
     d = len(matrix)
     for place in range(d):
         for j in range(d):
@@ -99,7 +103,7 @@ def _complete(matrix: Array, k: int) -> None:
         _make_orthogonal(matrix, k)
         _make_orthogonal(matrix, k)
         size = _size(matrix, k)
-        if size > 0.5 / d:  # one of the d unit vectors is as far from k others
+        if size > 0.5 / d:  # one of the d unit vectors has so large a part orthogonal to k others
             for j in range(d):
                 matrix[j, k] /= size
             return
@@ -119,7 +123,7 @@ def _make_orthogonal(matrix: Array, k: int) -> None:
 
 @kernel()
 def _size(matrix: Array, k: int) -> float:
-    """The length of column k; where squares would vanish or overflow, too."""
+    """Return the length of column k, also where squares would underflow or overflow."""
     total = 0.0
     for j in range(len(matrix)):
         total += matrix[j, k] * matrix[j, k]

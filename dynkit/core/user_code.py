@@ -1,4 +1,4 @@
-"""The code of users' classes: a digest of it, and whether it is still the same."""
+"""Digests of the code of users' classes, and detection of changes."""
 
 from __future__ import annotations
 
@@ -20,17 +20,17 @@ _SHIPPED = {"dynkit", *sys.stdlib_module_names} - {"__main__"}
 def code_of(kind: type) -> str:
     """Return a digest of the code of a user's class; empty for a class of this package.
 
-    The methods and constants of the class enter, and the functions, classes and constants that
-    these name in their modules and closures, where they are no library's. Constants are numbers,
-    texts, arrays, and tuples and frozen sets of these. Docstrings, comments and defaults of fields
-    do not enter, nor does what a method itself assigns. The digest belongs to one version of
-    Python.
+    The digest includes the methods and constants of the class. It also includes the functions,
+    classes and constants that these use by name from their modules and closures, unless they belong
+    to a library. Constants are numbers, texts, arrays, and tuples and frozen sets of these. The
+    digest does not include docstrings, comments, defaults of fields, and attributes that a method
+    itself assigns. It differs between versions of Python.
     """
     return reading_of(kind).digest
 
 
 def reading_of(kind: type) -> Reading:
-    """Return the `Reading` of a class: another one as soon as something in it is replaced."""
+    """Return the `Reading` of a class; a new one if a part of its code was replaced."""
     kept = _kept(kind)
     if not kept[0].holds():
         kept[0] = Reading(kind)
@@ -43,9 +43,9 @@ def _kept(kind: type) -> list[Reading]:
 
 
 def is_users(kind: type) -> bool:
-    """Whether a class is neither this package's nor Python's."""
+    """Whether a class belongs neither to this package nor to Python."""
     top, module = _top(kind.__module__), sys.modules.get(kind.__module__)
-    # the module of a class that was made by a call is that of its metaclass
+    # a class made by a call has the module of its metaclass: compare by name
     named = top == "dynkit" or getattr(module, kind.__name__, None) is kind
     return not (named and top in _SHIPPED)
 
@@ -61,7 +61,10 @@ def overridden_in(kind: type) -> set[str]:
 
 @final
 class Reading:
-    """What was read of the code of a class, and where; equal to itself alone."""
+    """The code that was read for the digest of a class, and the places where it was read.
+
+    A reading equals only itself.
+    """
 
     def __init__(self, kind: type) -> None:
         self._package = _top(kind.__module__)
@@ -72,13 +75,13 @@ class Reading:
         self.digest = hashlib.sha256(repr(found).encode()).hexdigest() if any(found) else ""
 
     def holds(self) -> bool:
-        """Whether all that was read is still there."""
+        """Whether all values that were read are still in their places."""
         return all(len(space) == size for space, size in self._sizes) and all(
             space.get(name) is value for space, name, value in self._read
         )
 
     def _of(self, value: Any) -> object:
-        """A description of a value, whose repr is the same in all processes."""
+        """Return a description of a value whose repr is the same in all processes."""
         if isinstance(value, _SIMPLE) or value is None:
             return repr(value)
         if isinstance(value, tuple):
@@ -134,7 +137,7 @@ class Reading:
         for name, cell in zip(code.co_freevars, function.__closure__ or (), strict=True):
             try:
                 parts.append((name, self._of(cell.cell_contents)))
-            except ValueError:  # it is empty
+            except ValueError:  # the cell is empty
                 continue
         defaults = function.__defaults__, tuple(sorted((function.__kwdefaults__ or {}).items()))
         return self._of_code(code), parts, self._of(defaults)
@@ -148,7 +151,7 @@ class Reading:
         return arguments, [(each.opname, self._of(each.argval)) for each in get_instructions(code)]
 
     def _follows(self, module: str) -> bool:
-        """Whether a module is the user's: of the package of the class, or no library."""
+        """Whether a module is the user's: in the package of the class, or in no library."""
         top, file = _top(module), getattr(sys.modules.get(module), "__file__", None) or ""
         return top == self._package or not (
             top in _SHIPPED or "site-packages" in file or "dist-packages" in file
@@ -164,7 +167,10 @@ def _top(module: str) -> str:
 
 
 def _plain(member: Any) -> Any:
-    """The written function of a method, property, static method or function of Numba, or None."""
+    """Return the Python function behind a method, property, or function of Numba; None without one.
+
+    Decorators of this package and of Python are removed.
+    """
     for name in ("fget", "func", "__func__", "py_func"):
         member = getattr(member, name, None) or member
     while _top(getattr(member, "__globals__", {}).get("__name__", "dynkit")) in _SHIPPED:
@@ -177,7 +183,7 @@ def _plain(member: Any) -> Any:
 
 
 def _names(functions: list[Any], *operations: str) -> set[str]:
-    """Names that functions, and functions within them, load or store in these ways."""
+    """Return the names in these operations of functions, and of functions within them."""
     found = (each for function in functions for each in _instructions(function.__code__))
     return {each.argval for each in found if each.opname in operations}
 

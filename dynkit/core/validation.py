@@ -255,7 +255,7 @@ def within_memory(name: str, value: int, size: float) -> int:
     Raises
     ------
     ValueError
-        When the machine has less memory; nothing has been allocated then.
+        When the machine has less memory; the error comes before any allocation.
 
     Examples
     --------
@@ -346,7 +346,7 @@ def finite_array(name: str, value: object, shape: tuple[int | None, ...]) -> Arr
 
 
 def returned(owner: object, value: object, size: int, method: str = "") -> Array:
-    """Return what a method of the user returned as floats, (size,); they need not be finite.
+    """Return the result of a user's method as an array of floats, (size,), finite or not.
 
     The message names the owner's class, and the method as in ``".velocity"``.
 
@@ -415,7 +415,7 @@ def read_only(array: NDArray[_Scalar]) -> NDArray[_Scalar]:
 
 
 def check_fields(instance: object, **checks: Callable[[str, Any], Any]) -> None:
-    """Replace fields of a frozen dataclass by what the check of each one returns.
+    """Replace fields of a frozen dataclass by the results of their checks.
 
     Examples
     --------
@@ -451,7 +451,7 @@ def _is_fit(value: object, shape: tuple[int | None, ...]) -> TypeGuard[Array]:
 
 
 def all_finite(numbers: Array) -> bool:
-    """Whether all numbers of an array, of real ones, are finite."""
+    """Whether all numbers of a real array are finite."""
     # the sum of finite numbers may overflow: then the full check decides
     few = numbers.size <= _SHORT and math.isfinite(sum(numbers.ravel().tolist()))
     return few or bool(np.isfinite(numbers).all())

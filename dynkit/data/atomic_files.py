@@ -23,7 +23,7 @@ def checked_path(name: str, path: str | os.PathLike[str]) -> str:
     Raises
     ------
     ValueError
-        When it is no path.
+        When it is not a path.
     """
     of_type(name, path, str | os.PathLike, "a path")
     return os.fsdecode(path)

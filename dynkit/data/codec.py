@@ -5,11 +5,11 @@ up by a name from a file. A class may define
 
 1. ``_stored``, the names of the attributes and cached properties that are stored; by default the
    public fields of a dataclass or named tuple;
-2. ``_stored_if_known``, the names of cached properties that are stored where they were computed;
-3. ``_given``, the name of the attribute that is not stored: the reader gives it, such as the system
-   of a motion;
-4. ``_restored()``, which returns the object with everything that follows from these attributes, or
-   raises ValueError where they do not fit together. By default `dataset` is called for its checks.
+2. ``_stored_if_known``, the names of cached properties that are stored if they were computed;
+3. ``_given``, the name of an attribute that is not stored, such as the system of a motion: the
+   reader of the file supplies it;
+4. ``_restored()``, which returns the object with the attributes that are derived from these, or
+   raises ValueError if they do not fit together. By default `dataset` is called for its checks.
 """
 
 from __future__ import annotations
@@ -68,8 +68,8 @@ def decoded(
 ) -> Any:
     """Return the value of an annotated type from the tree and the arrays of `encoded`.
 
-    `given` is the object of `_given`. Its ``_solutions`` are the classes that the annotation of
-    an abstract class or a protocol may stand for.
+    `given` is the object of `_given`. Its ``_solutions`` are the classes of objects that may be
+    annotated by an abstract class or a protocol.
 
     Raises
     ------
@@ -159,7 +159,10 @@ def _if_known(kind: Any) -> tuple[str, ...]:
 
 
 def _hint(kind: type, name: str) -> Any:
-    """Return the annotated type of an attribute; others may be known to type checkers only."""
+    """Return the annotated type of an attribute.
+
+    Other annotations are not evaluated, because their names may exist for type checkers only.
+    """
     base = next(base for base in kind.__mro__ if name in inspect.get_annotations(base))
     alone = types.SimpleNamespace(__annotations__={name: inspect.get_annotations(base)[name]})
     return get_type_hints(alone, vars(sys.modules[base.__module__]))[name]

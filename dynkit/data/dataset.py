@@ -203,7 +203,7 @@ def _real(variables: Variables) -> dict[str, tuple[tuple[str, ...], Any]]:
     found: dict[str, tuple[tuple[str, ...], Any]] = {}
     for name, (names, array) in variables.items():
         dimensions = tuple(names)
-        if 0 in array.shape[1:]:  # netCDF cannot hold it
+        if 0 in array.shape[1:]:  # netCDF cannot hold such an array
             continue
         if np.iscomplexobj(array):
             found[f"{name}_real"] = dimensions, array.real.copy()

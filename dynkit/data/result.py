@@ -76,7 +76,7 @@ class Saved(Result):
 
     @classmethod
     def _of(cls, **known: Any) -> Self:
-        """Return the result with these attributes, without the objects to compute others from."""
+        """Return the result with these attributes, without the objects it was computed from."""
         made = object.__new__(cls)
         vars(made).update(known)
         return made
@@ -125,8 +125,8 @@ class Saved(Result):
 class SavedWithSystem(Result):
     """A result with a store that is read with the system of the result.
 
-    The store holds the values of the system's parameters, and identifies all else of it. `_stored`
-    names the attributes that determine all others: see `dynkit.data.codec`.
+    The store holds the values of the system's parameters, and texts that identify the rest of the
+    system. `_stored` names the attributes that determine all others: see `dynkit.data.codec`.
     """
 
     _stored: ClassVar[tuple[str, ...]]
@@ -147,7 +147,7 @@ class SavedWithSystem(Result):
     def load(cls, path: str | os.PathLike[str], system: Any) -> Self:
         """Read a result from a store, bit for bit as it was saved.
 
-        What the result computes when it is first read, it computes again from the same bits.
+        Properties that are computed when first read are computed again, from the same bits.
 
         Parameters
         ----------
@@ -206,7 +206,7 @@ def read_result(
 ) -> tuple[_Read, Path, store.Archive]:
     """Return the result of a store, its file and its archive.
 
-    `lacking` returns the object that the result needs and the store lacks: see `_given` of
+    `lacking` returns the object that the result needs and the store does not hold: see `_given` of
     `dynkit.data.codec`.
 
     Raises

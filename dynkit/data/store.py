@@ -143,7 +143,7 @@ def _heading(data: bytes | memoryview) -> bytes:
 
 
 def _parsed(path: Path, data: bytes) -> Archive:
-    """Return the content of the data; a file with a valid checksum may still hold anything."""
+    """Return the content of the data, with checks: a valid checksum does not prove their form."""
     import h5py
 
     try:
@@ -241,7 +241,7 @@ def identity_of(system: HasIdentity) -> dict[str, str]:
 
 
 def entries_of(system: HasParameters) -> dict[str, str]:
-    """Return the entries of a store by which `at_parameters` makes the system of a result again.
+    """Return the entries of a store from which `at_parameters` restores the system of a result.
 
     Raises
     ------
@@ -258,7 +258,7 @@ def at_parameters(system: _System, path: Path, archive: Archive) -> _System:
     Raises
     ------
     ValueError
-        When the archive holds none, or all else of the system differs from that of the archive.
+        When the archive holds no values, or the rest of the system differs from the archive's.
     """
     with understood(path, "system with its parameters"):
         made = {name: float(p) for name, p in json.loads(archive.entries["parameters"]).items()}

@@ -142,11 +142,11 @@ class Attractor(Extensible, Result, ABC):
 
     @property
     def _stays(self) -> bool:
-        """Whether a cheap test proves the motion to be on a stable orbit; by default none does."""
+        """Whether a fast test proves that the motion is on a stable orbit; False by default."""
         return False
 
     def _series(self) -> Series:
-        """Return the motion as pages for the browser show it: one period where it has one."""
+        """Return the time series for pages in the browser: one period of a periodic motion."""
         n = self.label.iterates
         if n is None or n > len(self.states):
             return series_of_states(self.system, self.states)

@@ -17,12 +17,14 @@ from dynkit.orbits.periodic_orbit import periodic_orbit
 # Largest real part of the eigenvalues of a centre, relative to the largest eigenvalue; largest
 # distance of a ratio of frequencies from an integer, relative.
 _CENTRE = 1e-9
-# A coordinate with this part of the largest amplitude may define the plane.
+# A coordinate whose amplitude is at least this fraction of the largest one may define the plane.
 _SHARE = 1.0 / 3.0
-# Amplitudes, relative to the size of the state. The guess of the first one has an error of second
-# order, which instability may multiply by thousands; each of the others is extrapolated.
+# Amplitudes of successive orbits, relative to the size of the state. The guess of the first orbit
+# has an error of second order, which instability may multiply by thousands; the guesses of the
+# others are extrapolated.
 _AMPLITUDES = 10.0 ** np.array([-4.0, -3.5, -3.0, -2.5, -2.0])
-# Time limit of a return, in periods of the linear oscillation; Newton's steps at one amplitude.
+# Time limit of a return, in periods of the linear oscillation; largest number of Newton steps at
+# one amplitude.
 _PERIODS, _STEPS = 10.0, 8
 
 
@@ -91,5 +93,5 @@ def _with_amplitude(returns: PoincareMap, guess: Array, along: Array) -> Array:
 def crossing(mode: Any, normal: Array) -> Array:
     """Return Re(mode exp(i omega t)), (d,), at the time when it crosses a plane."""
     across = complex(normal @ mode)
-    # the rate of its distance from the plane is then largest, along the normal
+    # at this time the distance from the plane is zero, and its rate along the normal is largest
     return np.asarray((mode * (-1j * across.conjugate() / abs(across))).real)

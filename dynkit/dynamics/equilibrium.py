@@ -25,11 +25,12 @@ from dynkit.orbits.newton import NoConvergence, NoSolution
 _ROUNDING = 2.0**-52
 # Time limit of a return to the section, in periods of the Hopf point.
 _PERIODS = 10.0
-# A small orbit of a flow: distance of a pair of eigenvalues of the equilibrium within it from those
-# of a centre with the orbit's period, relative; and number of states that show where it is.
+# A periodic orbit is a small oscillation about an equilibrium if an eigenvalue of the equilibrium
+# differs from 2 pi i / period by at most _SMALL, relative. _SHOWN is the number of samples of each
+# return, from which its middle and its size are computed.
 _SMALL, _SHOWN = 1e-5, 33
-# Smallest amplitude of an oscillation relative to the size of the state: rounding dominates the
-# return map below it.
+# Smallest amplitude of an oscillation, relative to the size of the state: below it rounding
+# dominates the return map.
 _LEAST = 1e-4
 
 
@@ -79,7 +80,7 @@ class EquilibriumProblem(FamilyProblem):
         return len(self._sizes)
 
     def scale(self, x: Array) -> Array:
-        # a branch that passes through the state zero keeps its step size
+        # at least the sizes of the given state: a branch through the state zero keeps its step size
         return np.maximum(sizes(x[None]), self._sizes)
 
     def residual(self, x: Array, p: Array) -> Array:

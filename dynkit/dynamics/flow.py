@@ -31,14 +31,15 @@ if TYPE_CHECKING:
 Basis: TypeAlias = "Callable[[Array], Array]"
 
 _STAGES, _TWINS = 8, 3
-"""Times at which motions are disturbed, and disturbed motions."""
+"""Number of times at which a motion is disturbed, and number of disturbed motions, for errors."""
 
 _HALVINGS = 7
 """An interval that stretches a frame unevenly is halved at most this number of times."""
 
 _EVEN = 1.0 / 16.0
-"""Least growth of a disturbance in one part of an interval, relative to the largest growth: the
-relative error is 16 times as large there. Two halves with ratios 1/4 have half of that error."""
+"""Least growth of a disturbance in one part of an interval, relative to the largest growth: at this
+ratio the relative error is 16 times as large. Two halves with ratios 1/4 have half of that
+error."""
 
 
 def every_direction(state: Array) -> Array:
@@ -149,7 +150,7 @@ class Flow(Family, ABC):
 
     def __init_subclass__(cls, **options: Any) -> None:
         own = "integral_gradient", "integral_parameter_derivative"
-        names: Any = cls.integrals  # what is no tuple is refused later
+        names: Any = cls.integrals  # anything but a tuple is refused later
         names = names if isinstance(names, tuple) else ()
         cls._following = {**cls._following, **dict.fromkeys(own, names)}
         super().__init_subclass__(**options)
@@ -160,7 +161,7 @@ class Flow(Family, ABC):
         """The number d of the state's coordinates."""
 
     if TYPE_CHECKING:
-        velocity: Any  # of a subclass that derives it from symbols, a function of these, too
+        velocity: Any  # in a subclass that derives it from symbols: a function of the symbols, too
     else:
 
         @abstractmethod
@@ -168,7 +169,7 @@ class Flow(Family, ABC):
             """Return the rate of change, (d,), of a state, (d,)."""
 
     def _velocity(self, state: Array) -> Array:
-        """The velocity, (d,); ValueError where it is anything else."""
+        """Return the velocity, (d,); ValueError when `velocity` does not return such an array."""
         return returned(self, self.velocity(state), self.dimension, ".velocity")
 
     def _checked(self, state: Array) -> Array:
@@ -366,7 +367,7 @@ class Flow(Family, ABC):
                 state = part.end
 
     def _part(self, state: Array, duration: float) -> Part:
-        """The way of a positive duration as one part."""
+        """Return the trajectory over a positive duration as one part."""
         end, off = self.advance(state, duration), 0.0
         if not np.isfinite(end).all():
             raise Diverged(f"the motion from {state.tolist()} runs away within {duration}")
@@ -379,7 +380,7 @@ class Flow(Family, ABC):
         return Part(end, derivative, size, max(off, self.accuracy * size))
 
     def _disturbance(self, state: Array, sizes: Array) -> Array:  # noqa: ARG002
-        """Return the errors (d,) that a short motion makes near a state of a path.
+        """Return the errors (d,) of a short part of the motion near a state of a path.
 
         `sizes` (d,) are the largest coordinates on the path.
         """
@@ -393,11 +394,12 @@ class Flow(Family, ABC):
         return np.array(path)
 
     def _carried_error(self, path: Array, duration: float, last: Array) -> float:
-        """Return the error of the end of a path (n, d), as `last` (k, d) measures it.
+        """Return the error of the end of a path (n, d), multiplied by `last` (k, d).
 
-        It is a quarter of how far disturbed motions end from it, since an orbit's `error` allows
-        for four times as much. They are disturbed in each coordinate, with either sign, at the
-        times of the path: what grows on the way counts, though it may shrink again later.
+        It is a quarter of the distance between the ends of the path and of disturbed motions: an
+        orbit's `error` allows for four times as much. Each coordinate is disturbed with a random
+        sign at the times of the path. So disturbances that grow on the path are included, even if
+        they shrink again later.
         """
         sizes, worst = abs(path).max(axis=0), 0.0
         for seed in range(_TWINS):

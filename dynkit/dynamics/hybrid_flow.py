@@ -1,4 +1,4 @@
-"""Flows whose state jumps where a guard falls to zero, and their maps from reset to reset."""
+"""Flows whose state jumps where a guard falls to zero, and the maps from one reset to the next."""
 
 from __future__ import annotations
 
@@ -40,7 +40,7 @@ class HybridFlow(Flow):
        differences.
 
     `velocity`, `advance`, `derivative` and `next_crossing` are those of the motion between jumps;
-    `next_crossing` may use no more of a section than dimension, direction, value and gradient.
+    `next_crossing` must use only the dimension, direction, value and gradient of a section.
     `ResetMap` is the map from one jump to the next.
     """
 
@@ -53,7 +53,7 @@ class HybridFlow(Flow):
     }
 
     if TYPE_CHECKING:
-        guard: Any  # of a subclass that derives them from symbols, functions of these, too
+        guard: Any  # in a subclass that derives them from symbols: functions of the symbols, too
         reset: Any
         armed: Any
     else:
@@ -337,7 +337,7 @@ class ResetMap(Map):
     def _saltation(self, hit: Crossing, change: Array, of_guard: float = 0.0) -> Array:
         """Return changes (d, k) after the jump for changes (d, k) at a fixed time before it.
 
-        `of_guard` is the change of the guard itself.
+        `of_guard` is the change of the guard at a fixed state, by a parameter.
         """
         velocity, gradient = self.flow.velocity(hit.state), self.flow.guard_gradient(hit.state)
         rate = float(gradient @ velocity)

@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 
 # Largest number of Newton's steps, and the rounding of an integral relative to its terms.
 _STEPS, _ROUNDINGS = 50, 4.0 * 2.0**-52
-# Least change of an integral along a motion, relative to its terms, that is no error of the flow.
+# A change of an integral along a motion up to this, relative to its terms, is an error of the flow.
 _DRIFT = 1e-6
 
 
@@ -26,9 +26,9 @@ _DRIFT = 1e-6
 class Level:
     """States of a section at which a first integral of a flow has a given value.
 
-    A state r near the level is put onto it along the gradient g of the integral at the state: the
-    result is r + c g(r). The multiple c is the unfolding parameter, and the value of the integral
-    is the additional equation, in the terms of the references. On the level c is zero.
+    A state r near the level is moved onto the level along the gradient g of the integral at the
+    state: the result is r + c g(r). In the terms of the reference, the multiple c is the unfolding
+    parameter, and the value of the integral is the additional equation. On the level c is zero.
 
     Parameters
     ----------
@@ -77,7 +77,7 @@ class Level:
         raise Refused(f"no state with {self.name} {self.value!r} is near {reduced.tolist()}")
 
     def require_constant(self, arrived: Array) -> None:
-        """Raise ValueError where the integral has another value after a motion from the level."""
+        """Raise ValueError if the integral has another value after a motion from the level."""
         value = self.flow.integral(self.name, arrived)
         terms = abs(self.flow.integral_gradient(self.name, arrived)) @ abs(arrived)
         most = max(_DRIFT, self.flow.accuracy**0.5) * float(terms + abs(self.value))
@@ -122,7 +122,10 @@ class Level:
         return float(abs(here - reduced).max()) > self.flow.accuracy * float(abs(here).max())
 
     def _along(self, reduced: Array, here: Array) -> tuple[Array, Array]:
-        """Return the change of the state on the level by the value, and the gradient there."""
+        """Return the derivative of the state on the level by the value of the integral.
+
+        Return also the gradient, (d - 1,), of the integral at the state on the level, `here`.
+        """
         way, rows = self.gradient(reduced), self.gradient(here)
         return way / float(way @ rows), rows
 

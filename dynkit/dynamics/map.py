@@ -58,7 +58,7 @@ class Map(SmoothMap):
 
     10. `observables`, the names of a state's observables, and ``attractor(start=...,
         transient=..., keep=...)``, an `Attractor` with these observables.
-    11. `default_start`, the start when none is given; `start_size`, `start_names` and
+    11. `default_start`, the start if none is given; `start_size`, `start_names` and
         ``state_from(numbers)``, the start with these numbers.
     12. ``pack_state(state)``, an array of finite floats whose length is the same at all values of
         the parameters, and ``unpack_state(packed)``, the same state again, from which `attractor`
@@ -75,16 +75,18 @@ class Map(SmoothMap):
     15. ``arrivals(starts, orbits, transient, near)``, when there is a faster simulation of many
         starts that ends at known periodic orbits.
 
-    A subclass of a map that overrides ``__call__`` inherits none of its `jacobian`,
-    `parameter_derivative` and other methods that belong to that call: they are computed by
-    differences, unless the subclass defines them, too. Where they hold for its own call, it says so
-    by ``jacobian = Base.jacobian``. Likewise the derivatives of a `Flow` belong to its velocity.
+    A subclass of a map that overrides ``__call__`` does not inherit `jacobian`,
+    `parameter_derivative` and other methods that belong to the overridden call: they are computed
+    by differences, unless the subclass defines them, too. If the inherited jacobian is also that of
+    the new call, the subclass declares ``jacobian = Base.jacobian``. In the same way the
+    derivatives of a `Flow` belong to its velocity.
 
     Stores and executors also require that the fields (`identity`) are numbers, strings, arrays,
     flows, sections, or tuples of them. The class must be importable from a file, and instances must
-    be picklable. A store is continued by the same code of the class in the same version of Python,
-    and refused where a method has changed, or a function or constant that it names. Of constants,
-    numbers, texts, arrays and tuples are compared; lists, dictionaries and other objects are not.
+    be picklable. A store can be continued only with the same code of the class in the same version
+    of Python: it is refused if a method has changed, or a function or constant that a method uses
+    by name. Constants are compared if they are numbers, texts, arrays or tuples, and not if they
+    are lists, dictionaries or other objects.
 
     Instances are immutable. `dynkit.testing.check_map` tests a subclass against this contract.
 

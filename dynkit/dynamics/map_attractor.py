@@ -30,16 +30,18 @@ if TYPE_CHECKING:
 
     from dynkit.orbits.map_orbit import MapOrbit
 
-# Largest relative distance of a motion that still settles to the periodic orbit found from it.
+# Largest distance, relative to the size of the states, from a motion that still settles to the
+# periodic orbit that Newton's method finds from it.
 _NEARBY = 0.1
 # Number of disturbed runs for the error, and the least relative size of their disturbances.
 _TWINS, _ROUNDINGS = 3, 4.0 * 2.0**-52
 
-# Recurrences beyond _EXACT errors of an iterate are a motion of their own where the derivative
-# varies over them by more than _VARIATION, relative to itself or to one.
+# A recurrence is no sign of a period if it exceeds _EXACT errors of an iterate, and the derivative
+# varies over it by more than _VARIATION, relative to its norm or to one: it may be the distance of
+# a small nonlinear motion.
 _EXACT, _VARIATION = 32.0, 0.1
 
-# Most floats in the states of a time series: a gigabyte.
+# Largest number of floats in the states of a time series: a gigabyte.
 _MOST_NUMBERS = 1 << 27
 
 
@@ -182,7 +184,7 @@ class MapAttractor(Attractor, SavedWithSystem):
         return MapAttractor(self._system, self._start, self._transient, latest + 1).error
 
     def _parted(self, seed: int, least: float) -> float:
-        """Return the largest distance of the kept states to a run with disturbed iterates."""
+        """Return the largest distance between the kept states and a run with disturbed iterates."""
         signs = np.random.default_rng(seed)
         noise = max(self._system.accuracy, _ROUNDINGS)
         twin = self._start.copy()

@@ -141,7 +141,7 @@ class PoincareMap(Map):
     def call_errors(self, states: Array) -> Array:
         """Return errors (n,) of the calls of states (n, d - 1), by disturbed motions.
 
-        Disturbances that grow between two crossings count, though they may shrink before the next.
+        They include disturbances that grow after a crossing and shrink again before the next.
         """
         found = []
         for state in states:
@@ -221,7 +221,7 @@ class PoincareMap(Map):
                 )
         if isinstance(self.section, Stroboscope):
             rate = float(self.flow.velocity(start)[-1])
-            if rate < 0.0:  # the sine of the phase then rises half a period from the flashes
+            if rate < 0.0:  # the section's value would then rise half a period from the flashes
                 raise Refused(
                     "the phase, the last coordinate, must grow for a Stroboscope; "
                     f"got the rate {rate:.6g} at {start.tolist()}"
@@ -268,7 +268,7 @@ class PoincareMap(Map):
         hit = self.crossing(state)
         start = self._onto(state)
         begin = self.section.lift_derivative(start) @ self._level.frame(start)
-        # not at the crossing itself, where a rounding may turn the frame
+        # at the given state: at the computed crossing rounding may turn the frame
         end = self._level.frame(self._onto(following)).T
         return self._chained(state, hit, begin, end, self._across_on_level)
 
@@ -304,7 +304,10 @@ class PoincareMap(Map):
         return self.section.reduce(hit.state), [self._factors(state, hit)], [hit.time]
 
     def _pushed(self, state: Array, direction: Array) -> tuple[Array, Array]:
-        """As for any map, but in one part: the direction turns to the one that grows most."""
+        """Return the next state and the direction, by one derivative over the whole return.
+
+        The return need not be divided into parts: the direction turns to the one that grows most.
+        """
         hit, moved = self.crossing(state), self._begin(state) @ direction
         change = self.flow.derivative(self._lifted(state), hit.time) @ moved
         return self.section.reduce(hit.state), self._on_section(hit, change[:, None])[:, 0]

@@ -130,7 +130,7 @@ class Hyperplane(PoincareSection):
             raise ValueError(f"normal must not be zero; got {given.tolist()}")
         if isinstance(direction, bool) or direction not in (1, -1):
             raise ValueError(f"direction must be +1 or -1; got {direction!r}")
-        # scaled first: the squares of a very long or very short normal would overflow or vanish
+        # scaled first: the squares of a very long or very short normal would overflow or underflow
         size = float(np.abs(given).max())
         length = float(np.linalg.norm(given / size))
         self._unit = given / size / length
@@ -192,7 +192,7 @@ class Hyperplane(PoincareSection):
                 raise ValueError(
                     f"normal[{index}], an angle's, must be zero; got {float(normal[index])}"
                 )
-            # such a coordinate's row of the chart is the coordinate itself
+            # the row of the chart for such a coordinate is the coordinate itself
             places.append(int(np.argmax(self._chart[:, index])))
         return places
 
@@ -303,7 +303,7 @@ def _shortest(gap: Array, angles: list[int]) -> Array:
 
 
 def _orthonormal_complement(unit: Array) -> Array:
-    """Rows, (d - 1, d), that complete a unit vector to an orthonormal basis.
+    """Return rows, (d - 1, d), that complete a unit vector to an orthonormal basis.
 
     They are all rows but one of the Householder reflection that maps the vector to an axis (Golub
     and Van Loan, Matrix Computations, 4th ed., section 5.1).

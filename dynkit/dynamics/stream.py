@@ -18,8 +18,8 @@ class Stream:
     """The states of a motion after its transient, in successive blocks; made by `Map.stream`.
 
     Each block is an `Attractor` that continues the one before. The states are, bit for bit, those
-    of one attractor of all states; those of machines with soft stops, friction or sliders are the
-    same to rounding, since such a block begins with a change of coordinates. Each iteration begins
+    of one attractor of all states. For machines with soft stops, friction or sliders they are the
+    same to rounding, because each block begins with a change of coordinates. Each iteration begins
     at the start.
 
     Parameters

@@ -78,7 +78,7 @@ def _go_on(
 ) -> None:
     chunks = chunks_of(len(points), chained=points.chained)
     left = [chunk for chunk in chunks if not findings.done[slice(*chunk)].all()]
-    tasks = (points.task(*chunk, findings) for chunk in left)  # each made when it is begun
+    tasks = (points.task(*chunk, findings) for chunk in left)  # each is made when it begins
     bar: Any = nullcontext()
     if shown:
         from tqdm import tqdm
@@ -92,7 +92,7 @@ def _go_on(
                 keeper.write_when_due()
             if shown:
                 written = bar.update(len(rows.texts["ending"]))
-                # a note may cost more than its point
+                # only when the bar is drawn: a note may cost more than its point
                 if rows.note is not None and (written or findings.done.all()):
                     bar.set_postfix_str(rows.note())
 
@@ -244,10 +244,11 @@ def _refuse_other_array(path: Path, name: str, made: Any, asked: Any) -> None:
 
 @final
 class Keeper:
-    """Writes what grows to a store: at first, at intervals that keep the cost low, and at the end.
+    """Writes growing content to a store: at the beginning, at intervals, and at the end.
 
-    ``archived()`` returns its present content, ``done()`` the count of what is done. As a context
-    it raises ValueError at its beginning where the store cannot be written.
+    The intervals keep the cost of writing low. ``archived()`` returns the present content, and
+    ``done()`` the number of finished parts. The beginning of the context raises ValueError when the
+    store cannot be written.
     """
 
     def __init__(
@@ -270,7 +271,7 @@ class Keeper:
         self.write()
 
     def write(self) -> None:
-        """Write, unless everything is written already."""
+        """Write the content, unless all finished parts are written already."""
         done = self._done()
         if done == self._written:
             return
@@ -281,6 +282,6 @@ class Keeper:
         self._due = ended + max(_LEAST_INTERVAL, (ended - began) / _SHARE)
 
     def write_when_due(self) -> None:
-        """Write if the last time is long enough ago."""
+        """Write the content if the last writing is long enough ago."""
         if time.monotonic() >= self._due:
             self.write()

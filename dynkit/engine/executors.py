@@ -21,7 +21,8 @@ _Task = TypeVar("_Task")
 _Result = TypeVar("_Result")
 
 IN_FLIGHT = 1024
-"""Most tasks submitted to an executor at a time: enough for many workers, in little memory."""
+"""Largest number of tasks that an executor has at a time: enough for many workers, in little
+memory."""
 
 
 class WorkerLost(RuntimeError):
@@ -58,7 +59,7 @@ def finished(
         Without an executor it is called in this process, in the order of the tasks. With one, the
         callable, the tasks and the results must be picklable.
     tasks : iterable
-        It is read as far as tasks are begun.
+        A task is taken from it only when the task is about to begin.
     executor : Executor or None
 
     Raises
@@ -91,7 +92,7 @@ def finished(
             ready = [ended.get()]
             while not ended.empty():
                 ready.append(ended.get())
-            ready = [future for future in ready if future in waiting]  # others were cancelled
+            ready = [future for future in ready if future in waiting]  # without cancelled ones
             for number, future in sorted((waiting.pop(future), future) for future in ready):
                 outcome = outcome_of(future)
                 if outcome.error is None:
@@ -170,7 +171,7 @@ def pack(work: object) -> bytes:
 
 
 class _Pickler(pickle.Pickler):
-    """Sends the digest of a user's class with it: a worker may know an earlier definition."""
+    """Sends a user's class with the digest of its code: a worker may know an earlier definition."""
 
     def reducer_override(self, sent: Any) -> Any:
         code = code_of(sent) if isinstance(sent, type) and issubclass(sent, Extensible) else ""
@@ -180,7 +181,7 @@ class _Pickler(pickle.Pickler):
 
 
 def _same_class(sent: bytes, code: str) -> Any:
-    """The class of a pickled name; TypeError where its methods differ from those of the sender."""
+    """Return the class of a pickled name; TypeError when its code differs from the sender's."""
     found = pickle.loads(sent)
     if code_of(found) != code:
         raise TypeError(
@@ -191,7 +192,7 @@ def _same_class(sent: bytes, code: str) -> Any:
 
 
 def perform(packed: bytes, sent: bytes) -> Outcome[Any]:
-    """Do one packed task of packed work; workers call it."""
+    """Run a packed task of packed work, and return its outcome; workers call this function."""
     try:
         work, task = _unpacked(packed), pickle.loads(sent)
     except Exception as error:  # of any kind: a worker may import another version of the module

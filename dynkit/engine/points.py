@@ -16,8 +16,8 @@ Anything: TypeAlias = NDArray[Any]
 Columns: TypeAlias = Mapping[str, tuple[str, tuple[int | None, ...]]]
 """For each array, by name: NumPy's kind letter, and the shape of a row; None for any length."""
 
-# Least number of chunks when there are enough points, points of a chunk from there on, and most
-# chunks: each takes an executor some time.
+# There are at least _FEW chunks, of up to _SIZE points each, if there are enough points. For very
+# many points there are at most about _MANY larger chunks, because each takes an executor some time.
 _FEW, _SIZE, _MANY = 256, 32, 2048
 
 MOST_POINTS = 10_000_000

@@ -12,13 +12,14 @@ from dynkit.core.validation import Array
 from dynkit.exponential.modes import Pairs
 
 RESIDUAL = 1e-10
-"""Largest relative residual of the equation of a steady response; above it there is none."""
+"""Largest residual of the equation of a steady response, relative to its terms; with a larger one
+the pair has no steady response, as in resonance."""
 
 
 @final
 @dataclass(frozen=True, eq=False)
 class Responses:
-    """Steady responses of pairs to other pairs that drive them without decaying.
+    """Steady responses of pairs to drivers that do not decay.
 
     Attributes
     ----------
@@ -80,7 +81,10 @@ class Responses:
         )
 
     def seen(self, row: Array) -> tuple[Array, Array]:
-        """Return the row (2, n) for drivers and pairs minus responses, and its rounding (2, n)."""
+        """Return a row (2, n) for drivers, and for pairs minus steady responses, and its rounding.
+
+        `row`, (2, n), is that for the pairs themselves; the rounding (2, n) is that of its change.
+        """
         row, lost = row.copy(), np.zeros_like(row)
         for (t, d), matrix in zip(self.slots.tolist(), self.matrices, strict=True):
             row[:, d] += row[:, t] @ matrix
@@ -89,7 +93,7 @@ class Responses:
 
 
 def _steady(own: Array, drive: Array, push: Array) -> Array | None:
-    """Return the solution S of S Omega = G S + push; None where there is none."""
+    """Return the solution S of S Omega = G S + push; None where no solution exists."""
     unit = np.eye(2)
     try:
         system = np.kron(unit, drive.T) - np.kron(own, unit)
@@ -110,12 +114,12 @@ class Drift:
     Attributes
     ----------
     rows
-        (6, n) rows, two each, of value, rate and acceleration of the drift. The distance that a
-        body under drag still moves is a separate part of the value.
+        (6, n) rows, two each, of value, rate and acceleration of the drift. The distance over which
+        a body under drag still moves is a separate part of the value.
     rest
         (2, n) row of the terms that do not drift.
     lost
-        (2, n) weights that bound how far the value lies below the drift.
+        (2, n) weights of abs(y) that bound by how much the value may be below the drift.
     """
 
     rows: Array
@@ -145,7 +149,7 @@ class Drift:
             if rate[:, ~constant].any():
                 return None
             for t, s, b in zip(*pairs.links, pairs.coupling.T.tolist(), strict=True):
-                # after a push of the velocity the position lags behind the drift
+                # where a constant drives the velocity, the position lags behind the drift
                 if dragged[t] and value[0, t] * b[0] < 0.0:
                     lost[0, s] += max(0.0, value[1, t] * b[2]) / -g[3, t]
         if pairs.derivative_rows(second, 1).any():

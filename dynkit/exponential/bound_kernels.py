@@ -9,8 +9,8 @@ from dynkit.core.validation import Array
 from dynkit.exponential.evaluation_kernels import DRIFT, TAIL, TERM, Ladder
 
 NOTHING = 1e-200
-"""A motion that never again exceeds this has ended: it would soon underflow, and so do products of
-its numbers with high powers of slow rates."""
+"""A motion that never again exceeds this has ended: the motion, and products of its numbers with
+high powers of slow rates, would soon underflow."""
 
 
 @kernel(reorder=True)
@@ -28,8 +28,8 @@ def weighted(rows: Array, first: int, skipped: int, states: Array, k: int) -> fl
 def _drift(ladder: Ladder, states: Array, k: int) -> tuple[float, float, float, float, float]:
     """Return value, rate and acceleration of the drifting and constant terms, and two distances.
 
-    The distances are those that bodies under drag still move down and up. They are not added to the
-    value, which would lose its digits where drag is small.
+    The distances are by how much bodies under drag will still lower and raise f. They are not added
+    to the value, which would lose digits where the drag is small.
     """
     d = ladder.rows
     g = ladder.generator
@@ -117,7 +117,7 @@ def stays_in_band(ladder: Ladder, states: Array, k: int, band: float) -> bool:
 def died_out(ladder: Ladder, states: Array, k: int) -> bool:
     """Return whether f, without offset and drive, has decayed below `NOTHING` but is not zero.
 
-    Otherwise ever smaller impacts and releases would never end.
+    Without this test a sequence of ever smaller impacts and releases would not end.
     """
     if ladder.offset != 0.0 or ladder.steady >= 0:
         return False

@@ -18,7 +18,8 @@ from dynkit.exponential.evaluation_kernels import (
 )
 
 HURDLE = 3
-"""Number of rungs from the cells that resolve a term to those that leave it out."""
+"""Number of rungs between the longest cells that resolve a term and the shortest cells that leave
+it out."""
 
 
 @kernel(inline=True)
@@ -106,14 +107,14 @@ def leap(
     passed: int,
     states: Array,
 ) -> tuple[bool, int, int, int, int, int, float, int]:
-    """Pass cells that are so long that fast terms are left out, as long as they hold no root.
+    """Pass cells without a root that are so long that fast terms are left out.
 
     Returns
     -------
     never, j, wide, n, current, cells, band, passed
         `never` means that no root follows. Otherwise `wide` is the rung of a cell for the Taylor
-        polynomial; 0 where `j` has reached ``ladder.smooth``, or the search its end. `passed`
-        counts the cells without a root, including those before a pause.
+        polynomial. It is 0 if `j` has reached ``ladder.smooth``, or the search its limit. `passed`
+        is the number of cells without a root, including those before a pause.
     """
     cell = ladder.cell
     rows = ladder.rows
@@ -128,7 +129,7 @@ def leap(
         if ladder.grows:
             band = max(band, now)
         elif links.shape[0] == 0:
-            # rounding errors decay with the terms
+            # the rounding errors of uncoupled terms decay with the terms
             band = min(band, now)
         value, rate, second, new_value, new_rate, new_second, error, apart = _look_over(
             cell, rows, j, states, current

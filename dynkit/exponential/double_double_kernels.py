@@ -21,7 +21,7 @@ def two_product(a: float, b: float) -> tuple[float, float]:
 
 @kernel()
 def dd_add(a: float, a_low: float, b: float, b_low: float) -> tuple[float, float]:
-    """Sum of two double-double numbers."""
+    """Return the sum of two double-double numbers."""
     s = a + b
     t = s - a
     e = (a - (s - t)) + (b - t) + a_low + b_low
@@ -31,7 +31,7 @@ def dd_add(a: float, a_low: float, b: float, b_low: float) -> tuple[float, float
 
 @kernel()
 def dd_multiply(a: float, a_low: float, b: float, b_low: float) -> tuple[float, float]:
-    """Product of two double-double numbers."""
+    """Return the product of two double-double numbers."""
     p, e = two_product(a, b)
     e += a * b_low + a_low * b
     high = p + e
@@ -40,7 +40,7 @@ def dd_multiply(a: float, a_low: float, b: float, b_low: float) -> tuple[float, 
 
 @kernel()
 def _dd_matmul(a: Array, b: Array, out: Array) -> None:
-    """Product of two 2x2 double-double matrices given as 8 numbers; `out` is modified in place."""
+    """Multiply two 2x2 double-double matrices of 8 numbers each; `out` is modified in place."""
     for i in range(2):
         for j in range(2):
             p, p_low = dd_multiply(a[2 * i], a[4 + 2 * i], b[j], b[4 + j])
@@ -78,7 +78,7 @@ def fill_steps(
         for order in range(1, 26):
             _dd_matmul(term, scaled, product)
             for i in range(4):
-                # division by a small integer: the quotient, then that of the remainder
+                # division by a small integer: the quotient, then the quotient of the remainder
                 quotient = product[i] / order
                 p, e = two_product(quotient, float(order))
                 rest = ((product[i] - p) - e + product[4 + i]) / order
@@ -97,7 +97,7 @@ def fill_steps(
 def _dense_product(
     a: Array, a_low: Array, b: Array, b_low: Array, out: Array, out_low: Array
 ) -> None:
-    """Product of two square double-double matrices; `out` and `out_low` are modified in place."""
+    """Multiply two square double-double matrices; `out` and `out_low` are modified in place."""
     n = a.shape[0]
     for i in range(n):
         for j in range(n):

@@ -37,11 +37,12 @@ PLACES, LEVELS = 11, 5
 """Number of integers and of real numbers of a paused search."""
 
 LEAP, SEARCH, CHANGE, NOISE = range(4)
-"""Machine code that is called by its address: of long cells, of the search of a sum that is not
-`plain`, of a change of the mode, and of disturbances."""
+"""Indices of the kernels that are called by their address: for long cells, for the search of a sum
+that is not `plain`, for a change of the mode, and for disturbances."""
 
 CODES, WANTED_CODE = 4, -1
-"""Number of them; what stands for an address where a call has paused until there is one."""
+"""Number of these kernels; entry in place of an address if a call has paused until the kernel is
+compiled."""
 
 BOUND, TAIL, DRIFT, SEPARATE = 8, 14, 16, 22
 """First rows of the groups in ``Ladder.rows``."""
@@ -110,7 +111,7 @@ class Workspace(NamedTuple):
     coefficients : (DEGREE + 1,) Taylor coefficients of f
     places : (PLACES,) whether the search is paused, then the integers of a paused search
     levels : (LEVELS,) real numbers of a paused search
-    codes : (CODES,) addresses of machine code, WANTED_CODE, or 0 where it was not needed so far
+    codes : (CODES,) addresses of compiled kernels, WANTED_CODE, or 0 for one not needed so far
     """
 
     states: Array
@@ -144,8 +145,9 @@ def propagate(
 ) -> None:
     """Write slots `first` to `last` - 1 of state `k` after the step of rung `j` into state `to`.
 
-    The error is about one rounding. The fused operation adds the low parts to the exact product;
-    added to a rounded product they would be lost in every step, and the energy would drift.
+    The error is about one rounding. The fused operation adds the low parts to the exact product.
+    Added to a rounded product the low parts would be lost in every step, and the energy would
+    drift.
     """
     for i in range(first, last):
         a = states[k, 0, i]
@@ -371,7 +373,10 @@ def expand(generator: Array, rows: Array, offset: float, states: Array, k: int, 
 
 @kernel()
 def expand_apart(ladder: Ladder, states: Array, k: int, c: Array) -> None:
-    """Compute them as `expand` for separate numbers, whose rates one equation would mix."""
+    """Compute the Taylor coefficients as `expand`, also for separate numbers and driven slots.
+
+    For these the characteristic equation of a slot does not relate the derivatives of f.
+    """
     rows = ladder.rows
     for i in range(rows.shape[1]):
         states[TERM, 0, i] = states[k, 0, i]

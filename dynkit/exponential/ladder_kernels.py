@@ -34,6 +34,7 @@ def fill_sum(
     slow : (n,)
         1 for pairs that are bounded by their present size, else 0.
     row : (2, seen)
+        Row of f.
     factorial, largest : float
         (DEGREE + 1)!, and the upper limit of weights.
     step : (rungs, 8, slots)

@@ -41,7 +41,7 @@ class Pairs:
         (n,) number of the cluster of a pair: pairs whose common norm never grows; by default each
         pair is a cluster.
     growth
-        (n,) rate at which the norms, or numbers, of a pair may grow at most; by default zero.
+        (n,) largest growth rate of the norm, or of the numbers, of a pair; by default zero.
     """
 
     generator: Array
@@ -127,21 +127,21 @@ class Pairs:
         return Pairs(generator, low, scale, slots[self.links], self.coupling, cluster, growth)
 
     def turning(self, slot: int, frequency: float) -> Pairs:
-        """Return the pairs with another frequency of a rotation that drives nothing."""
+        """Return the pairs with another frequency of a rotation that drives no other pair."""
         found = copied(self)  # cached properties of the other pairs remain valid
         vars(found)["generator"] = generator = self.generator.copy()
         vars(found)["rates"] = fast, slow = tuple(part.copy() for part in self.rates)
         generator[1:3, slot] = frequency, -frequency
         fast[slot] = slow[slot] = math.sqrt(frequency * frequency)  # the rounding of `rates`
         self._span(slot)
-        others = vars(self)["_kept"].items()  # of these, spans alone depend on the frequency
+        others = vars(self)["_kept"].items()  # only spans of other slots depend on the frequency
         vars(found)["_kept"] = {k: one for k, one in others if k[0] != "_span" or k[1] == slot}
         if not frequency <= LARGEST:
-            del vars(found)["rates"]  # computed again, it raises
+            del vars(found)["rates"]  # computed again, it raises an error
         return found
 
     def spans(self, slot: int, *frequencies: float) -> bool:
-        """Return whether other pairs than this have slower rates and faster ones than these."""
+        """Return whether other pairs have both slower and faster rates than these frequencies."""
         low, high = self._span(slot)
         return low <= min(frequencies) and max(frequencies) <= high
 
@@ -225,7 +225,7 @@ class Pairs:
     def bound(self, row: Array, order: int, window: float = math.inf) -> Array:
         """Return weights (2, n) of abs(y) that bound a derivative of an order for a time `window`.
 
-        They are infinite where it may grow without bound.
+        They are infinite where the derivative may grow without bound.
         """
         return np.asarray(self.bounds(self.derivative_rows(row, order)[None], window)[0])
 
@@ -248,7 +248,7 @@ class Pairs:
             number, growth, _ = self._parts
             involved = number >= 0
             own = np.zeros((len(rows), len(growth), 1))
-            own[:, number[involved], 0] = weights[:, involved]  # the same for all of a part
+            own[:, number[involved], 0] = weights[:, involved]  # equal for all numbers of a part
             larger = self._larger(window)[..., None, :, :]
             total = (own * np.where(own > 0.0, larger, 0.0)).sum(axis=-2)
             weights = np.where(involved, total[..., number], weights)
@@ -256,10 +256,13 @@ class Pairs:
         return self._grown(weights, window) if self._growths.any() else weights
 
     def _grown(self, weights: Array, window: float | Array) -> Array:
-        """Return weights (..., n) for a time in which numbers grow, from those without growth."""
+        """Return weights (..., n) that include the growth of numbers during the window.
+
+        `weights` are those without growth.
+        """
         rate = self._growths
         if self._parts is not None:
-            # Times exp(-rate t), with the largest rate of all that are coupled, none of them grows.
+            # Multiplied by exp(-rate t), with the largest rate of all coupled numbers, none grows.
             involved = self._parts[0].max(axis=0) >= 0
             rate = np.where(involved, rate[involved].max(initial=0.0), rate)
         with np.errstate(over="ignore", invalid="ignore"):
@@ -268,7 +271,7 @@ class Pairs:
 
     def _together(self, norm: Array) -> Array:
         """Return the norm (n,) of each pair's cluster from the norms of pairs."""
-        largest = np.zeros(self.count)  # a scale: squares may underflow
+        largest = np.zeros(self.count)  # scale of each cluster: squares may underflow
         np.maximum.at(largest, self._clusters, norm)
         unit = np.where(largest > 0.0, largest, 1.0)
         squares = (norm / unit[self._clusters]) ** 2
@@ -315,7 +318,7 @@ class Pairs:
 
     @kept
     def _larger(self, window: float | Array) -> Array:
-        """Bounds of coupled parts by those at the start, for a window, or for several."""
+        """Return bounds of coupled parts by their initial sizes, for one or several windows."""
         assert self._parts is not None
         return _majorant(*self._parts[1:], window)
 
@@ -353,7 +356,7 @@ class Pairs:
 
 
 def _majorant(growth: Array, decay: Array, window: float | Array) -> Array:
-    """Return bounds of each part by the parts at the start, for a window, or for several."""
+    """Return bounds (n, n) of the size of each part by those at the start, for each window."""
     n = len(growth)
     total = power = np.eye(n)
     with np.errstate(divide="ignore", invalid="ignore"):

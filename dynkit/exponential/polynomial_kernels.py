@@ -44,9 +44,9 @@ def polish(c: Array, first: int, e: float, low: float, high: float) -> tuple[int
             e = trial
             continue
         change = trial - e
-        # the next change would be about (curvature / rate) change^2 / 2
+        # the change of the next Newton step is about (curvature / rate) change^2 / 2
         second = 2.0 * abs(c[first + 2]) + 6.0 * abs(c[first + 3]) * e
-        # a change longer than the root itself keeps the rounding of the previous point
+        # after a change longer than the root the new point keeps the rounding of the old one
         if abs(change) <= trial and second * change * change <= -EPSILON * rate * trial:
             e = trial
             break
@@ -59,8 +59,8 @@ def polish(c: Array, first: int, e: float, low: float, high: float) -> tuple[int
 def _downhill(c: Array, first: int, e: float, end: float, band: float) -> tuple[int, float, float]:
     """Descend from a point within the band to a crossing or to a minimum within the band.
 
-    The interval is extended slightly: a crossing at its end would otherwise pass for a minimum. A
-    function that still falls at the end is searched in the next cell.
+    The interval is extended slightly: otherwise a crossing at its end could be taken for a minimum.
+    If the function still falls at the end, the next cell must be searched: the outcome is NEVER.
     """
     low = e
     high = e
@@ -97,7 +97,7 @@ def polynomial_first_root(
     """Return the first root in (0, `end`] of c[first] + c[first + 1] e + ..., positive at 0.
 
     From a point x on the left, the root of p(x) + p'(x) e - M e^2/2 with M >= |p''| cannot lie
-    beyond a root of p. One that is negative at 0 already, beyond `band`, has its root there.
+    beyond a root of p. If the polynomial is below -`band` at 0, the root is at 0.
 
     Returns
     -------

@@ -1,6 +1,6 @@
-"""Sums of products in one order, which has the same bits in every kernel.
+"""Sums of products in a fixed order, so that every kernel gets the same bits.
 
-A compiler that may reorder sums does so differently in each function into which they are inlined.
+A compiler that may reorder a sum does so differently in each function that inlines it.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ _LANES = 4
 
 
 def _multiply_add(builder: Any, kind: Any, *values: Any) -> Any:
-    """Emit the call of LLVM's fused operation for numbers or vectors of them."""
+    """Emit the call of LLVM's fused multiply-add for numbers or vectors of numbers."""
     from llvmlite import ir
     from numba.core import cgutils
 
@@ -44,7 +44,7 @@ def _fused() -> Any:
 
 
 fused = _fused()
-"""a b + c, with one rounding where the processor has such an operation."""
+"""a b + c, with one rounding if the processor has a fused multiply-add."""
 
 
 def pair_sums(signed: int, absolute: int) -> Any:
@@ -54,8 +54,8 @@ def pair_sums(signed: int, absolute: int) -> Any:
     where (a, b) is the pair of a slot in state k, and rows are counted through all leading axes.
     The first `signed` sums are followed by `absolute` ones, of |a| and |b|.
 
-    Terms of a and of b have four partial sums each, in the order of the slots; the slots that do
-    not fill four have two more. The arrays are C-contiguous.
+    The terms of a and those of b have four partial sums each, in the order of the slots, and one
+    more for the last slots, whose number is below four. The arrays are C-contiguous.
     """
     count = signed + absolute
     settings: Any = numba.config

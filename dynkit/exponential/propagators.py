@@ -23,18 +23,19 @@ LARGEST = 1e300
 """Upper limit of weights."""
 
 SLOWEST = 1e-20
-"""Slower rates do not make the smallest step longer: its powers must not overflow."""
+"""Lower limit of the fastest rate for the smallest step, whose powers must not overflow."""
 
 SLOW = 1e-4
 """A term slower than the fastest one by this factor remains below its amplitude for a long time:
 its rounding is estimated from its present size."""
 
 LONGEST, BEYOND = 46, 20
-"""Least number of rungs for propagation over long times, and least number beyond those of a search:
-the longest step is then a million times as long, so that few are taken one by one."""
+"""Least number of rungs for propagation over long times, and number of rungs beyond those of a
+search: the longest step is then 2^20 times as long, so that few steps are taken one by one."""
 
-# A cell of n = 8 to 208 slots takes 1.7 to 2.4 ns times (n + 64) at 2.5 GHz, and up to ten times as
-# long with a Taylor polynomial: a call takes 10 to 100 ms.
+# A call of the search examines _NUMBERS_OF_A_CALL / (n + _LEAST_SLOTS) cells of n slots. A cell of
+# n = 8 to 208 slots takes 1.7 to 2.4 ns times (n + 64) at 2.5 GHz, and up to ten times as long with
+# a Taylor polynomial: a call takes 10 to 100 ms.
 _NUMBERS_OF_A_CALL, _LEAST_SLOTS = 1 << 22, 64
 
 
@@ -59,7 +60,7 @@ def rung_sizes(pairs: Pairs) -> tuple[float, int]:
     fastest = max(SLOWEST, *fast) if any(fast) else 1.0
     slowest = min([fastest, *(rate for rate in slow if rate > 0.0)])
     if pairs.grows:
-        # a rigid body may move for a long time without any event
+        # a rigid body may move for a long time without an event: long cells are needed
         slowest = min(slowest, 1e-9 * fastest)
     smallest = 2.0 ** np.floor(np.log2(REACH / fastest))
     rungs = int(np.ceil(np.log2(8.0 * np.pi / smallest) - np.log2(slowest))) + 1
@@ -106,7 +107,7 @@ class Propagators:
         return Propagators(pairs, smallest, rungs, step, *links, generator, responses)
 
     def turning(self, slot: int, frequency: float) -> Propagators:
-        """Return the propagators with another frequency of a rotation that drives nothing."""
+        """Return the propagators with another frequency of a rotation that drives no other pair."""
         pairs = self.pairs.turning(slot, frequency)
         between = pairs.spans(slot, self.generator[1, slot], frequency)
         if not between and rung_sizes(pairs) != (self.smallest, self.rungs):
@@ -121,7 +122,7 @@ class Propagators:
 
     @cached_property
     def ladder(self) -> Any:
-        """Ladder of the sum zero, for propagation only."""
+        """Ladder of a sum without terms, for propagation only."""
         from dynkit.exponential.evaluation_kernels import SEPARATE, Ladder
 
         slots = self.step.shape[2]
@@ -219,7 +220,7 @@ def _cell_bounds(bounds: Array, h: Array) -> tuple[Array, NDArray[np.bool_]]:
         error = sixth * h**6 / 46080.0
         kept = ~(2.0 * most + 0.4 * h * first + 0.05 * h * h * second < error)
     kept[0] = True
-    # finite, so that the product with a zero number is zero
+    # weights are finite, so that their product with a zero number is zero
     return np.fmin(np.where(kept, error, most), LARGEST), kept
 
 
@@ -251,7 +252,7 @@ def ladder(row: Array, offset: float, propagators: Propagators, steady: int) -> 
 def turned(one: Any, propagators: Propagators) -> Any:
     """Return the `Ladder` of a sum with other propagators: those after `Propagators.turning`.
 
-    Only the numbers of the rotation are computed again, where the others remain.
+    If the other pairs are not affected, only the slot of the rotation is computed again.
     """
     pairs, row, slot = propagators.pairs, one.rows[:2], one.steady
     alike = slot >= 0 and pairs.independent and not one.grows
@@ -335,7 +336,7 @@ def _joint(
     for k in range(2):
         own = step[:rungs, k, None, :seen], step[:rungs, k + 2, None, :seen]
         cell[:, k:6:2] = upper * own[0] + lower * own[1]
-        for i, (t, s) in enumerate(propagators.links.tolist()):  # all their slots are seen
+        for i, (t, s) in enumerate(propagators.links.tolist()):  # all linked slots are seen
             cell[:, k:6:2, s] += upper[:, t] * b[:, i, :, k] + lower[:, t] * b[:, i, :, k + 2]
     cell[:, 6:8], cell[:, 8:] = _pad(weights, seen), _pad(kept.astype(float), seen)
     return {

@@ -49,8 +49,8 @@ FOREVER = 2**62
 """The farthest horizon, in smallest steps; a search that reaches it is at its limit."""
 
 LOW = 1024.0
-"""Height in units of the rounding band: lower flights are followed by Taylor polynomials, each
-continued from the previous one."""
+"""Height in units of the rounding band: a flight that stays lower is followed by Taylor
+polynomials, each continued from the value of the previous one."""
 
 SMALLEST = 1e-300
 """Smallest value that is treated as positive."""
@@ -112,7 +112,10 @@ def _first_rung(
 
 @kernel()
 def _lowered(c: Array, first: int, raised: float, e: float, earliest: float) -> float:
-    """Return the root of a polynomial from that of the polynomial plus `raised`, unless double."""
+    """Return the root of a polynomial from the root `e` of the polynomial plus `raised`.
+
+    The coefficient c[first] is reduced by `raised`, in place. A nearly double root is not moved.
+    """
     c[first] -= raised
     if c[first] > 0.0 and polynomial(c, first, e)[0] < 0.0:
         return polish(c, first, e, 0.0, e)[1]
@@ -129,14 +132,14 @@ def _lowered(c: Array, first: int, raised: float, e: float, earliest: float) -> 
 def _value_at(ladder: Ladder, n: int, states: Array) -> float:
     """Return the sum after n smallest steps; two scratch states are modified."""
     seen = ladder.rows.shape[1]
-    keep = n - n  # not a literal: it would be compiled once more
+    keep = n - n  # not the literal 0, for which the kernel would be compiled once more
     k = propagate_steps(ladder.step, ladder.links, ladder.link_step, n, states, keep, 0, seen)
     return value_and_rates(ladder.rows, ladder.offset, states, k)[0]
 
 
 @kernel()
 def _last_above(ladder: Ladder, n: int, states: Array) -> int:
-    """Return the last node before `n` at which f is not negative; 0 where there is none."""
+    """Return the last node before `n` at which f is not negative; 0 if there is none."""
     low = n - 1
     high = n
     while low > 0 and _value_at(ladder, low, states) < 0.0:
@@ -175,8 +178,8 @@ def first_root(
         Number of leading Taylor coefficients of f that are zero: 0 (f > 0), 1, 2 or 3 (f''(0) or
         f^(3)(0) > 0 follows from the state).
     rate
-        With order 1, f'(0) > 0; with order 0, f(0) where more of its digits are known than from
-        the state, else zero.
+        With order 1, f'(0) > 0. With order 0, f(0) if it is known with more digits than the state
+        gives, otherwise zero.
     band_factor
         Rounding band in units of the amplitude sum.
     touches
@@ -191,7 +194,7 @@ def first_root(
     work
         Modified in place; ``work.states[FOUND]`` becomes the state at the root.
     general
-        With None the sum must be `plain`: what only others need is not compiled.
+        With None the sum must be `plain`, and the code for other sums is not compiled.
 
     Returns
     -------
@@ -303,7 +306,7 @@ def first_root(
                 slope = new_slope
                 second = new_second
                 if j < top and low > 32.0 * error:
-                    # do not try a leap that would fail
+                    # a longer cell beyond `smooth` only if its certificate may hold
                     j += j < ladder.smooth or value + 0.8 * h * slope > band
                 passed += 1
                 if passed & 15 == 0:
@@ -359,14 +362,14 @@ def first_root(
             threshold = 8.0 * EPSILON * abs(c[first])
         else:
             if carries:
-                # the carried value has only the rounding of its changes since the start
+                # the carried value has only the rounding errors of its changes since the start
                 c[0] = carried
                 speeds = weighted(rows, 2, -1, states, current)
                 lost = EPSILON * (band_factor * speeds * n * smallest + 8.0 * carried)
                 threshold = min(band, lost)
             if c[0] <= threshold:
-                # inside the band, and certainly without a crossing so far: only a crossing beyond
-                # the band counts
+                # f is inside the band, and certainly has no crossing so far: from here on only a
+                # crossing beyond the band counts
                 if stays_in_band(ladder, states, current, threshold):
                     return NEVER, n, 0.0, 0.0, cells
                 if n == 0 and touches:
@@ -383,7 +386,7 @@ def first_root(
         h = smallest * (1 << wide)
         outcome, e, slope = polynomial_first_root(c, first, h, threshold)
         if outcome == TOUCH and not touches:
-            # it may come back, and cross beyond the band, in the same cell
+            # f may rise again, and cross beyond the band, in the same cell
             c[first] += 4.0 * threshold
             raised += 4.0 * threshold
             outcome, e, slope = polynomial_first_root(c, first, h, threshold)
@@ -418,7 +421,7 @@ def first_root(
                 last = states.shape[2]
                 shift(ladder.generator, e, states, other, FOUND, seen, last)
             if first == 0 and outcome == ROOT:
-                # the state gives more digits than the derivative of the polynomial
+                # the state gives a more accurate slope than the derivative of the polynomial
                 slope = value_and_rates(rows, offset, states, FOUND)[1]
             return outcome, n, e, slope, cells
         # no root in this cell: continue at its end

@@ -11,9 +11,9 @@ import numpy as np
 
 @final
 class Stack:
-    """Named arrays (k, ...) of stacked arrays, padded with zeros to the largest of them.
+    """Arrays (k, ...) by name, each a stack of arrays padded with zeros to the largest of them.
 
-    They have spare capacity, so that most additions copy no earlier arrays.
+    A stack has spare capacity, so that most additions do not copy earlier arrays.
     """
 
     def __init__(self) -> None:

@@ -229,7 +229,7 @@ def _displaced(band: float, rate: float, curvature: float) -> float:
 
 
 def band(sums: Any, state: Array) -> float:
-    """Half width of the rounding band of a sum as the kernels take it, at a state (2, slots)."""
+    """Return the half width of the rounding band that kernels use, at a state (2, slots)."""
     from dynkit.exponential.evaluation_kernels import BOUND
 
     rows, seen = sums.rows[BOUND : BOUND + 2], sums.rows.shape[1]

@@ -21,7 +21,7 @@ def empty_columns(count: int, kind: int) -> dict[str, Any]:
     """Return the columns of `count` motions, all with the same number of kind, for `put_label`."""
     return {
         "kind": np.full(count, kind, dtype=np.int64),
-        "numbers": np.zeros((count, 4), dtype=np.int64),  # n, m, simulated, curves
+        "numbers": np.zeros((count, 4), dtype=np.int64),  # n and m of P(n,m), simulated, curves
         # tolerance, recurrence, chance; multiplier and rotation number, each with its error
         "sizes": np.full((count, 7), np.nan),
     }

@@ -41,9 +41,9 @@ class OrbitLabel:
         Measured recurrence, in the same units. For a periodic orbit, the largest distance between
         states a period apart; it may exceed the tolerance when the motion settles geometrically.
         For a quasi-periodic motion, the largest distance of a state from a smooth closed curve
-        through its neighbours, relative to the size of the curve. Of a motion without further
-        impacts, zero where they are excluded, else infinity. Otherwise, the smallest distance
-        of the last state to an earlier one, or infinity when there was none to compare.
+        through its neighbours, relative to the size of the curve. For a motion without further
+        impacts, zero if further impacts are excluded, otherwise infinity. For all other motions,
+        the smallest distance of the last state to an earlier one, or infinity without earlier ones.
     simulated : int
         Number of examined states, including those for the growth of disturbances.
     transient_chaos : int

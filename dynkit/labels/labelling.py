@@ -14,16 +14,17 @@ from dynkit.labels.recurrence import REPETITIONS, Recurrences
 from dynkit.labels.rotation import Rotation, rotation_of
 from dynkit.orbits.multipliers import MARGIN, PROBES, disturbed_eigenvalues, spectral_radius
 
-# Largest distance of the extrapolated orbit of a geometric decay: in tolerances, and relative to
-# the largest state when the budget ends.
+# Largest distance of the extrapolated orbit of a geometric decay: _NEAR tolerances, or
+# _NEAR_AT_LAST relative to the largest state when the budget ends.
 _NEAR, _NEAR_AT_LAST = 100.0, 1e-2
-# Growth is measured only after this many undecided states, and averaged over batches.
+# Growth is measured only after _CHAOS_AFTER undecided states, and averaged over _BATCHES batches.
 _CHAOS_AFTER, _BATCHES = 800, 16
 _BUDGET = 20_000
 # Error of a map's derivative in units of its accuracy: flows integrate derivatives with a separate
 # accuracy, and in maps rounding grows along a period.
 _DERIVATIVES = 1e3
-# Beside a fold the multiplier changes like a power of time: by twice what a geometric decay leaves.
+# Factor of the remaining change of a multiplier, which is estimated as that of a geometric decay:
+# near a fold the change decreases like a power of time, and more of it remains.
 _LATER = 3.0
 
 
@@ -44,15 +45,17 @@ class Window:
     release_times : (j,) array or None
         Times of the releases, on the same clock.
     release_error : callable or None
-        Function of n and a size that returns the largest error of a coordinate of the n-th release
-        after the first, in parts of that size, or of its phase, from rounding since the beginning
-        of the window. None for exact releases.
+        Function (n, size) that returns the error of the n-th release after the first, from rounding
+        since the beginning of the window: the largest error of a coordinate, relative to the size,
+        or of the phase. None for exact releases.
     given_up : bool
-        Whether the search for the next state was given up, where there are fewer than asked for.
+        Whether the search for the next state was given up, if there are fewer states than
+        requested.
     resolves : callable or None
         Function of n that returns whether the map is nearly linear over the distances of the
-        states to their counterparts in the last n ones. Otherwise these distances are a motion of
-        their own. None where the states are not close together without being periodic.
+        states to their counterparts in the last n ones. Otherwise these distances may be those of a
+        nonlinear motion, and no recurrence. None where motions are never so small without being
+        periodic.
     """
 
     states: Array
@@ -87,7 +90,7 @@ class OrbitSource(Protocol):
         ...
 
     def growth(self, steps: int) -> Array:
-        """Return the log growth of a disturbance over the next `steps` states, block by block.
+        """Return the logarithmic growth of a disturbance over the next `steps` states, by blocks.
 
         The blocks are consecutive and have the same length in all calls; each call returns 64 or
         more. It does not change the states that `more` returns next.
@@ -107,18 +110,20 @@ def label_orbit(
       throughout the window, which holds at least three periods, and are m >= 1 periods of the
       forcing apart. When a multiple of n recurs much better, and the recurrence of n does not
       decrease, the multiple is the period (a period doubling smaller than the tolerance, down to
-      1e-10). A recurrence over which the derivative of the map varies by a tenth is a motion of
-      its own, and no sign of a period. Nor are states that move on from period to period, as a
-      motion does where it passes slowly beside a fold. When n is a multiple of a period on which
-      the orbit may still settle, the next window decides.
+      1e-10). A recurrence is no sign of a period if the derivative of the map varies by a tenth
+      over its distances, because these may be those of a small nonlinear motion. It is none
+      either if the states drift from period to period, as a motion does that passes slowly beside
+      a fold. When n is a multiple of a period on which the orbit may still settle, the next
+      window decides.
     - P(inf,m): a window with releases from sticking contact is decided by the states at release.
       Contact removes all memory of the motion before it: in double precision, two equal releases
       repeat exactly even if the motion between them is chaotic, and rounding decides which contact
       ends it. Therefore the error of the release a period later must also be within the tolerance.
     - A motion that settles geometrically gets the label of the orbit that it approaches, when the
       ratio of its decay is below 1 by five standard errors, the decay does not slow down, and the
-      extrapolated orbit is within 100 tolerances (1e-2 when the budget ends). The orbit must also
-      be stable or unstable for certain, where there are derivatives: see `with_multiplier`.
+      extrapolated orbit is within 100 tolerances (1e-2 when the budget ends). If the map has
+      derivatives, it must also be certain that the orbit is stable, or that it is unstable: see
+      `with_multiplier`.
     - After 800 states, a motion that neither recurs nor settles is chaotic when disturbances grow
       exponentially: their mean growth minus three standard errors is positive, and their total
       growth exceeds that of the square of time. The `chance` is the p-value of Student's t of 16
@@ -315,7 +320,10 @@ def _recurrences(window: Window, source: OrbitSource) -> Recurrences:
 
 
 def _is_certain(window: Window, period: int, size: float, most: float) -> bool:
-    """Whether rounding moves the release a period later by at most this part of a size."""
+    """Whether the rounding error of the release a period later is at most `most`.
+
+    The error is relative to `size`. Without an error estimate the releases are exact.
+    """
     return window.release_error is None or window.release_error(period, size) <= most
 
 

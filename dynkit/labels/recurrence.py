@@ -18,26 +18,28 @@ _Indices: TypeAlias = NDArray[np.intp]
 REPETITIONS = 3
 """A period is accepted when the window holds it this many times: two full repetitions."""
 
-# Below the first relative recurrence, no multiple is tried as the period; below the second,
-# distances are rounding errors and not used for a decay.
+# Below the relative recurrence _SPLIT no multiple is tried as the period. Distances below _ROUNDING
+# are rounding errors, and not used for a decay.
 _SPLIT, _ROUNDING = 1e-10, 1e-13
-# A curve that bends one way crosses a straight line twice; what oscillates crosses it more often,
-# and is above it by less than this factor's logarithm, unlike a burst of chaos.
+# A decay oscillates if the logarithms of its distances cross their straight fit at least _TURNS
+# times; a curve that bends one way crosses it twice. They exceed the fit by at most _ABOVE, unlike
+# the logarithms of a burst of chaos.
 _TURNS, _ABOVE = 4, 2.0
-# States that move on in one direction are farther apart at the ends of the window than after one
-# period, by this factor at least.
+# States drift if their distance over the window exceeds that over one period by more than this
+# factor.
 _DRIFT = 3.0
 # Least number of recurrences for the fit of a decay: three in each half, for the standard errors.
 _FIT = 6
 # Least number of recurrences of a decay that is extrapolated, and its least fall: a factor 3.
 _DECAY_RECURRENCES, _DECAY_DEPTH = 10, np.log(3.0)
-# Least fall of the logarithm of a decay that may settle: a slower one needs 46 more windows for a
-# factor 100. On curves near a resonance, distances may decrease geometrically for a while. They
-# fall less, or the orbit that they lead to is more than 1 / _FALL times the extent away.
+# Least fall, over the window, of the logarithm of a decay that may settle: a slower one needs 46
+# more windows for a factor 100. On closed curves near a resonance, too, distances may decrease
+# geometrically for a while. They fall less, or the extrapolated orbit is farther away than the
+# largest distance times 1 / _FALL.
 _FALL = 0.1
-# A decay that settles ends at most this many times as far away as the orbit that it approaches: at
-# least ten distances, from 1e4 down to the rounding, fall by a factor of exp(5.9) at most, by the
-# largest slope of a straight line through numbers in that interval.
+# Largest ratio of the last distance of a decay to the extrapolated distance of its orbit, which is
+# exp(rate) - 1. For ten or more distances between 1e4 and rounding, the largest possible rate of a
+# straight fit is 5.9.
 _STEEPEST = 400.0
 # Where states n apart differ by less than this, relative, an orbit of period kn may still settle
 # on one of period n.
@@ -46,7 +48,7 @@ _CLOSE = 0.03
 
 @final
 class Recurrences:
-    """Distances between the states of one window, relative to the largest of them.
+    """Distances between the states of one window, relative to the norm of the largest state.
 
     Parameters
     ----------
@@ -127,7 +129,7 @@ class Recurrences:
         likely = np.flatnonzero(self.from_last[: self.count // REPETITIONS] <= tolerance) + 1
         if not len(likely):
             return None
-        # while a motion settles its first state has the largest distance: most n fail there
+        # compare the first state first: while a motion settles it has the largest distance
         first = self.distances(self._counterparts(0, likely), np.zeros_like(likely))
         for n in likely[first <= tolerance].tolist():
             if self.spread(n) <= tolerance:
@@ -152,7 +154,7 @@ class Recurrences:
         return n
 
     def _drifts(self, n: int) -> bool:
-        """Whether the states move on, period by period, and not as if to an orbit."""
+        """Whether the states drift from period to period, without a geometric decay to an orbit."""
         far = self.spread(n) > max(_SPLIT, _DRIFT * float(self.steps(n).max()))
         return far and not self._decay(n).falls(_DECAY_DEPTH)
 
@@ -189,13 +191,16 @@ class Recurrences:
         return decay.falls(_FALL) and _FALL * decay.rest <= self.from_last.max()
 
     def settling(self, near: float) -> int | None:
-        """Return the period of the orbit, near in this distance, that the motion settles on."""
+        """Return the period of the orbit on which the motion settles; None if that is not certain.
+
+        The extrapolated distance of the last state from this orbit must be at most `near`.
+        """
         best = self._best
         if not best or self.from_last[best - 1] > _STEEPEST * near:
             return None
         for n in [*proper_divisors(best), best]:
             decay = self._decay(n)
-            # the smallest period that settles is the period: its multiples seem to settle faster
+            # the smallest period with a decay is the period: its multiples seem to decay faster
             if decay.falls(_DECAY_DEPTH):
                 certain = decay.count >= _DECAY_RECURRENCES and decay.rest <= near
                 apart = all(self.steps(k)[-1] > 3.0 * decay.rest for k in proper_divisors(n))
@@ -236,9 +241,9 @@ class _Decay:
     def geometric(self) -> bool:
         """Whether the ratio is below 1 by five standard errors, and the decay does not slow down.
 
-        A power of time slows down: beside a fold, a motion may pass where an orbit was. Around an
-        orbit with complex multipliers a decay oscillates, and halves are as different as their
-        errors let them.
+        A decay like a power of time slows down: beside a fold a motion passes slowly where no orbit
+        exists any more. Around an orbit with complex multipliers a decay oscillates. The rates of
+        its two halves may then differ by three standard errors.
         """
         if not self.rate > 5.0 * self.error:
             return False
@@ -254,7 +259,7 @@ class _Decay:
         return bool(early > 0.0 and bend <= 0.2 * self.rate)
 
     def falls(self, least: float) -> bool:
-        """Whether the decay is geometric, and the logarithm falls by this much or more."""
+        """Whether the decay is geometric, and the logarithm falls by `least` or more."""
         return self.rate * (self.count - 1) >= least and self.geometric
 
     @property
@@ -263,12 +268,12 @@ class _Decay:
 
 
 def _places(count: int) -> Array:
-    """The numbers (count,) of equidistant values, about zero."""
+    """Return the indices (count,) of equidistant values minus their mean."""
     return np.asarray(np.arange(count) - 0.5 * (count - 1))
 
 
 def _rate(logs: Array) -> tuple[float, float]:
-    """Return the rate of decrease of a straight line through equidistant values, and its error."""
+    """Return the rate of decrease of a straight fit of equidistant values, and its error."""
     place = _places(len(logs))
     weight = float(place @ place)
     slope = float(place @ logs) / weight

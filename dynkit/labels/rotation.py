@@ -12,15 +12,16 @@ from dynkit.labels.recurrence import Recurrences
 
 # Least number of states on a curve: half of them must define the curve as well.
 _FEWEST = 256
-# A state is predicted by the polynomial, of degree five, through three neighbours on either side.
+# Offsets of the neighbours from which a state is predicted, by a polynomial of degree five.
 _NEIGHBOURS = (-3, -2, -1, 1, 2, 3)
-# All states must be predicted better than half of the states by this factor (a smooth curve gives
-# 64), or to this fraction of the tolerance. Widest gap of half of the states, in turns.
+# The predictions from all states must be better than those from half of the states by the factor
+# _GAIN (a smooth curve gives 64), or good to _FLOOR times the tolerance. _WIDEST is the widest gap
+# between half of the states, in turns.
 _GAIN, _FLOOR, _WIDEST = 4.0, 1e-3, 1.0 / 16.0
-# Where states pass slowly by a periodic orbit, or settle on it, they are on short arcs. The gaps
-# between them, at most one of so many, may cover half of the circle: another orbit may be there.
+# The widest gaps, one of every _ARC, must not cover more than half of the circle. Where states pass
+# slowly by a periodic orbit, or settle on it, they lie on short arcs with such gaps between them.
 _ARC = 64
-# Gauss-Newton steps, and their differences relative to the possible interval.
+# Number of Gauss-Newton steps, and step of their differences relative to the possible interval.
 _STEPS, _DIFFERENCE = 6, 1e-4
 # Safety factor of the error: halves may agree by chance, and errors of neighbours are correlated.
 _MARGIN = 8.0
@@ -31,13 +32,13 @@ _ROUNDING = 16.0 * 2.0**-52
 @final
 @dataclass(frozen=True)
 class Rotation:
-    """How states advance along closed curves.
+    """Rotation of states along closed curves.
 
     Parameters
     ----------
     number, error : float
-        Rotation number, in turns of all curves once, 0 < number < 1/2, and an estimate of its
-        distance to the exact one.
+        Rotation number, 0 < number < 1/2, and an estimate of its distance to the exact one. It is
+        the turn from a state to the next one on the same curve, `curves` iterates later.
     curves : int
         Number of closed curves that the states visit in turn.
     distance : float
@@ -52,7 +53,7 @@ class Rotation:
 
 
 def rotation_of(orbit: Recurrences, tolerance: float, accuracy: float) -> Rotation | None:
-    """Return how the states advance along smooth closed curves; None where that is not certain.
+    """Return the rotation of the states along smooth closed curves; None where it is not certain.
 
     Let states advance by the turn w on a closed curve. The neighbours of the last of n states, one
     on either side, are the states q and r earlier, where w lies between the fractions p/q and s/r
@@ -114,7 +115,10 @@ def _gaps(count: int, number: float) -> Array:
 
 
 def _interval(orbit: Recurrences) -> tuple[int, float, float, float] | None:
-    """Return the number of curves, a guess of the turn, and the bounds that keep the order."""
+    """Return the number of curves, a guess of the turn, and its lower and upper bounds.
+
+    Within the bounds the order of the states on the circle does not change.
+    """
     if orbit.count < _FEWEST:
         return None
     last = orbit.count - 1

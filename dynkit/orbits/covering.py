@@ -25,12 +25,13 @@ from dynkit.orbits.map_problem import TURN, angles
 
 # The first covering has 2^2 cells in each direction of the box.
 _FIRST = 2
-# Most edges of the graph: more of them need too much memory, and exclude too few cells.
+# Largest number of edges of the graph: more edges need too much memory, and exclude too few cells.
 _PAIRS = 20_000_000
 # Longest first step of Newton's method, in cells: a point of an orbit is at most half a cell from
 # the centre of its cell, and the step is not exact.
 _STEP = 1.5
-# Steps of Newton's method from a start, each at most half as long as the one before it.
+# Largest number of Newton steps from a start, each at most half as long as the one before it. The
+# iteration ends after a step below _CONVERGED, in cells.
 _STEPS = 12
 _CONVERGED = 1e-9
 

@@ -81,7 +81,10 @@ class Problem(Extensible, ABC):
         """Return the `ProblemSolution` with these unknowns, parameters and history."""
 
     def observed(self, x: Array, p: Array, name: str) -> Array:
-        """Return an observable of a solution, as its `observable` does; it need not be made."""
+        """Return an observable, (n,), of a solution, equal to `ProblemSolution.observable`.
+
+        A subclass may compute it without the `ProblemSolution`.
+        """
         found: Array = self.solution(x, p).observable(name)
         return found
 
@@ -131,16 +134,16 @@ class Problem(Extensible, ABC):
     def shortest(self, x: Array) -> tuple[Problem, Array]:
         """Return problem and unknowns of the same orbit with its least period, to rounding.
 
-        By default this problem and the same unknowns.
+        By default they are this problem and the same unknowns.
         """
         return self, x
 
     def departing(self, x: Array, way: float) -> tuple[Problem, Array]:
-        """Return the equations that a branch solves which begins at a solution, and its unknowns.
+        """Return the problem of the branch that starts at a solution, and the unknowns in it.
 
-        They may differ where the one free parameter parts what happens at once in the solution.
-        Positive, `way` is that of larger values of the parameter, else of smaller ones. By default
-        this problem and the same unknowns.
+        Another problem is needed where the free parameter separates events that coincide in the
+        solution. `way` is positive for a branch to larger values of the parameter, otherwise
+        negative. By default they are this problem and the same unknowns.
         """
         return self, x
 
@@ -160,7 +163,7 @@ class Problem(Extensible, ABC):
     def canonical(self, x: Array) -> Array:
         """Return unknowns, (m,), that are equal for equivalent solutions.
 
-        Where the same orbit has several solutions, they are those of one of these.
+        Where several solutions describe the same orbit, they are the unknowns of one of them.
         """
         return x
 
@@ -202,7 +205,7 @@ class ProblemSolution(Extensible, Result, ABC):
 
     @property
     def counts(self) -> Mapping[str, float]:
-        """Numbers of events in a period, by what happens; by default none are told apart."""
+        """Numbers of events in a period, by kind of event; empty by default."""
         return {}
 
     @property
@@ -255,7 +258,7 @@ class ProblemSolution(Extensible, Result, ABC):
         """Return one of the observables, (n,)."""
 
     def _series(self) -> Series | None:
-        """Return the motion as pages for the browser show it; None for one that rests."""
+        """Return the time series for pages in the browser; None for a solution at rest."""
         return None
 
     _each: ClassVar[str] = "state"
@@ -270,11 +273,11 @@ class ProblemSolution(Extensible, Result, ABC):
             return np.empty(0, dtype=np.complex128)
 
     def dataset(self) -> Dataset:
-        """Return the observables as a dataset, with the unknowns and what determines stability.
+        """Return the observables, the unknowns, and the multipliers or eigenvalues as a dataset.
 
-        These are multipliers or eigenvalues, as in the dataset of a branch; there are none where
-        the system has no derivative. Dimensions are ``state`` (``impact`` for a machine),
-        ``multiplier`` and ``unknown``.
+        As in the dataset of a branch, the variable of eigenvalues is named ``multiplier``, too. It
+        is empty where the system has no derivative. Dimensions are ``state`` (``impact`` for a
+        machine), ``multiplier`` and ``unknown``.
         """
         return Dataset(
             {},

@@ -100,7 +100,7 @@ class FamilyProblem(Problem):
         return {f"unknown[{i}]": x[i : i + 1] for i in range(len(x))}
 
     def made(self, x: Array, history: Sequence[float], cost: Cost) -> FamilySolution:
-        """Return the solution with these unknowns; this problem has no free parameters."""
+        """Return the solution with these unknowns; the problem must not have free parameters."""
         return FamilySolution(self, x, history, cost)
 
     def solution(self, x: Array, p: Array, history: Sequence[float] = ()) -> Any:
@@ -281,7 +281,7 @@ def find_solution(problem: FamilyProblem, guess: Any) -> FamilySolution:
     x, history = solve(
         fixed, finite_array("guess", guess, (fixed.size,)), _NONE, what=f"no {fixed.label}"
     )
-    # set unknowns below their error to zero: rounding errors must not become scales
+    # set unknowns below their error to zero: otherwise rounding errors would become scales
     cleared = np.where(abs(x) <= orbit_bound(fixed, x, _NONE), 0.0, x)
     if abs(fixed.residual(cleared, _NONE)).max() <= history[-1]:
         x = cleared

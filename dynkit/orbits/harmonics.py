@@ -22,7 +22,7 @@ TWO_PI = 2.0 * math.pi
 SHARE = 0.99
 """Share of the power that the harmonics counted by `OrbitLabel.harmonics` hold."""
 
-# Least number of intervals of a period for one harmonic.
+# Least number of sampling intervals of a period: fewer determine no harmonic.
 _FEWEST = 4
 # Changes by aliasing per second difference of n samples and per jump, times n.
 _OF_BENDS, _OF_JUMPS = (math.pi**2 - 4.0) / TWO_PI**2, math.sqrt(0.25 + 1.0 / math.pi**2)

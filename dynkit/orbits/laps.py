@@ -27,13 +27,14 @@ from dynkit.orbits.map_calls import MapCalls, Spent
 CELLS = 1024
 """Cells of the grid for turning points: two turning points in one cell may be missed."""
 
-# Closer solutions of one equation are not separated: between them the residual is below rounding.
+# Solutions of one equation that are closer than this, relative to the interval, are not separated:
+# between them the residual is below rounding.
 _APART = 2.0**-26
 # Least width of a cell relative to the interval: narrower cells contain a jump or a corner.
 _NARROW = 2.0**-46
-# Largest deviation of the change of f over a cell from the trapezoidal rule for its slope, relative
-# to the largest change that the slopes allow; other cells are halved. The deviation is zero for a
-# parabola, and of order one at a jump or a corner for any width of the cell.
+# A cell is halved if the change of f over it deviates from the trapezoidal rule for the slope by
+# more than this, relative to the largest change that the slopes at its ends allow. The deviation is
+# zero for a parabola, and of order one at a jump or a corner for any width of the cell.
 _BENT = 0.1
 
 
@@ -51,7 +52,10 @@ class Lap(NamedTuple):
 
 
 class _Node(NamedTuple):
-    """A point, its image under f^n, the slope there, and x, f(x) ... with the slopes of f."""
+    """A point x, its image under f^n, and the slope of f^n at x.
+
+    `way` lists the iterates x, f(x), ..., n of them, each with the slope of f.
+    """
 
     x: float
     f: float
@@ -131,7 +135,11 @@ class Laps:
         return found
 
     def _slopes(self, word: tuple[int, ...], a: _Node, b: _Node) -> tuple[float, float]:
-        """Least and greatest slope of f^n between two points of one lap, as far as nodes show."""
+        """Return the least and the greatest slope, in magnitude, of f^n between two points.
+
+        Both points are in one lap. The extremes of f's slope are those at the points and at the
+        nodes of the grid between them.
+        """
         least = most = 1.0
         turned = False
         for number, ends in zip(word, zip(a.way, b.way, strict=True), strict=True):
@@ -139,7 +147,7 @@ class Laps:
             lap, slack = self.first[number], self._slack
             if lap.a - slack <= low <= high + slack <= lap.b + 2.0 * slack:
                 places, slopes = [low, high], [abs(one), abs(other)]
-            else:  # an end of the lap, whose image is beyond a jump
+            else:  # a point is an end of the lap, and its computed image is beyond a jump
                 places, slopes = [lap.a - slack, lap.b + slack], []
             slopes += self._steepness[slice(*np.searchsorted(self._places, places))].tolist()
             least, most = least * min(slopes), most * max(slopes)
@@ -147,7 +155,7 @@ class Laps:
         return least, most
 
     def _solved(self, node: _Node) -> bool:
-        """Whether f^n(x) - x may be zero in a cell of the least width."""
+        """Whether f^n(x) - x may be zero within the least width of a cell from the node."""
         return abs(node.f - node.x) <= self._narrow * (1.0 + abs(node.slope))
 
     def image(self, x: float, n: int) -> float:
@@ -235,14 +243,17 @@ class Laps:
             yield piece
 
     def _bends(self, left: _Node, right: _Node) -> bool:
-        """Whether the change of f between two nodes differs from that of its slopes."""
+        """Whether the change of f between two nodes differs from the integral of its slopes.
+
+        It is also True if f is defined at one of the nodes only.
+        """
         width = right.x - left.x
         if np.isnan(left.f) or np.isnan(right.f):
             return not (np.isnan(left.f) and np.isnan(right.f))
         change = 0.5 * width * (left.slope + right.slope)
         largest = width * max(abs(left.slope), abs(right.slope))
         size = max(abs(left.f), abs(right.f), abs(left.x), abs(right.x))
-        # errors of both values
+        # bound of the errors of both values
         noise = 4.0 * max(self._calls.system.accuracy, 2.0**-52) * size
         return not abs(right.f - left.f - change) <= _BENT * largest + noise
 
@@ -262,9 +273,9 @@ class Laps:
 
 
 def reached(calls: MapCalls, box: Array, iterates: int, limit: Array) -> Laps:
-    """Return the laps of a map on an interval, (2,), extended by its images under iterates.
+    """Return the laps of a map on the interval `box`, (2,), extended by its images.
 
-    The interval is extended within the limit, (2,), only.
+    The interval is extended by the images of so many iterates, within the limit, (2,).
     """
     low, high = box.tolist()
     for _ in range(iterates + 1):
@@ -281,8 +292,8 @@ def reached(calls: MapCalls, box: Array, iterates: int, limit: Array) -> Laps:
 def periodic_points(laps: Laps, period: int) -> Iterator[tuple[int, list[float], int]]:
     """Yield n = 1, 2, ..., a point of each orbit of f^n, and the number of laps of f^n.
 
-    It ends when the calls are spent. Only one of all cyclic permutations of a word is searched,
-    because the others contain other points of the same orbits.
+    The iteration ends when the calls are used up. Only one of all cyclic permutations of a word is
+    searched, because the others contain other points of the same orbits.
     """
     found = laps.first
     for n in range(1, period + 1):

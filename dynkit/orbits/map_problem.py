@@ -23,11 +23,12 @@ from dynkit.orbits.spectrum import Spectrum
 
 TURN = 2.0 * np.pi
 
-# Largest difference of equal states, in units of their size.
+# States that differ by at most this, in the units of the equations, are equal.
 _REPEATED = 1e-7
 
-# Ratio of singular values of a derivative that may be singular; distance of another solution, in
-# scaled unknowns; the number of steps to it, and its residual.
+# For the test of a family: a derivative whose singular values have a ratio up to _SINGULAR may be
+# singular; another solution is sought at the distance _BESIDE, in scaled unknowns, by at most
+# _STEPS steps, and has a residual of at most _SOLVED.
 _SINGULAR, _BESIDE, _STEPS, _SOLVED = 1e-6, 1e-3, 6, 1e-10
 
 ROUNDINGS = 4.0
@@ -98,7 +99,7 @@ class MapProblem(PeriodicProblem, FamilyProblem):
         return self._like.size
 
     def scale(self, x: Array) -> Array:
-        # a branch that passes through the state zero keeps its step size
+        # at least the sizes of given states: a branch through the state zero keeps its step size
         return np.tile(np.maximum(sizes(self._rows(x)), self._sizes), len(self._like))
 
     def linearization(self, x: Array, p: Array, multiplier: complex = 1.0) -> Any:
@@ -116,7 +117,7 @@ class MapProblem(PeriodicProblem, FamilyProblem):
 
     def multipliers(self, x: Array, p: Array) -> Any:
         matrices = self.factors(x, p)[0]
-        # a level of a flow in the plane is a single orbit
+        # a flow in the plane on a level of an integral has no multiplier: the level is one orbit
         return product_eigenvalues(matrices) if matrices.size else np.empty(0, dtype=complex)
 
     def orbit(self, x: Array, p: Array, history: Sequence[float] = ()) -> MapOrbit:
@@ -201,9 +202,9 @@ class MapProblem(PeriodicProblem, FamilyProblem):
     def is_of_a_family(self, x: Array) -> bool:
         """Whether a solution without free parameters belongs to a curve of solutions.
 
-        The derivative is then singular, and another solution lies beside it along the null vector;
-        it is sought by Gauss and Newton's method. At a bifurcation there is none, and without a
-        derivative none is known.
+        The derivative is then singular, and another solution lies beside it along the null vector.
+        It is sought by the Gauss-Newton method. At a bifurcation there is no such solution. Where
+        the map has no derivative the result is False.
         """
         none, scale = np.empty(0), self.scale(x)
         identity = float((scale / np.tile(self.units, len(self._like))).max())
@@ -261,7 +262,13 @@ class MapProblem(PeriodicProblem, FamilyProblem):
 
 
 def _defined(function: Callable[[Array], Array], states: Array) -> Array:
-    """Return the values of a function at states (n, d) as an array, if they are finite."""
+    """Return the values of a function at states (n, d) as an array.
+
+    Raises
+    ------
+    NoSolution
+        When the motion ends, or a value is not finite.
+    """
     try:
         with np.errstate(over="ignore", invalid="ignore", divide="ignore"):
             found = np.array([function(state) for state in states])

@@ -46,7 +46,10 @@ def _disturbed(problem: Problem, x: Array, p: Array, random: np.random.Generator
 
 
 def _changes(found: Any, there: Any) -> Array:
-    """Return the change (d,) of each multiplier; the last, without partners, are exact zeros."""
+    """Return the change (d,) of each multiplier; the last, without partners, are exact zeros.
+
+    `there` are the multipliers of a trial, matched with those `found` by the least sum of changes.
+    """
     from scipy.optimize import linear_sum_assignment
 
     apart = abs(np.subtract.outer(found[: len(there)], there))

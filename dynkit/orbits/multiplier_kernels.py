@@ -6,8 +6,9 @@ from typing import Any
 from dynkit.core.jit import kernel
 
 _EPSILON = 2.0**-52
-# An entry below the diagonal is negligible relative to the smaller neighbour on the diagonal; after
-# _STRICT steps without such an entry relative to their sum, after _NEIGHBOURS relative to the norm.
+# An entry below the diagonal is negligible if it is below _EPSILON times a reference: the smaller
+# of its two neighbours on the diagonal; their sum after _STRICT steps without a negligible entry;
+# the norm of the factor after _NEIGHBOURS steps. After _MOST steps the algorithm fails.
 _STRICT, _NEIGHBOURS, _MOST = 12, 30, 200
 
 
@@ -85,8 +86,8 @@ def to_hessenberg(t: Any) -> None:
 def split_at_zero(t: Any, j: int, low: int, high: int, cosines: Any, sines: Any) -> None:
     """Split off a zero on the diagonal of a triangular factor, at j; in place.
 
-    Rotations end at the zero: a step without shift from the top clears the entry below the diagonal
-    before it, and a step from the bottom that after it.
+    Rotations end at the zero. A step without shift from the top clears the last factor's entry left
+    of the zero's place; for a zero at `low`, a step from the bottom clears the entry below it.
     """
     h = t[t.shape[0] - 1]
     if j > low:
@@ -111,7 +112,9 @@ def split_at_zero(t: Any, j: int, low: int, high: int, cosines: Any, sines: Any)
 
 @kernel()
 def product_of_corners(t: Any, first: int, size: int, w: Any) -> int:
-    """Write into w, over 2^e, the product of the same rows and columns of the triangular factors.
+    """Write into w the product of the same diagonal blocks of the triangular factors, over 2^e.
+
+    The blocks have `size` rows and columns from `first` on; the last factor is left out.
 
     Returns
     -------
@@ -170,7 +173,7 @@ def shift(t: Any, high: int, low: int, w: Any, exceptional: bool) -> tuple[float
     if large == 0.0:
         return d, 0.0, e
     value = d - b * c / large
-    # without shift a large eigenvalue moves above a small one: in this order both remain accurate
+    # without a shift a large eigenvalue moves above a small one; then both remain accurate
     if abs(a + d - value) < 1e-4 * abs(value):
         return 0.0, 0.0, e
     return value, 0.0, e

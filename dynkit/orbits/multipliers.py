@@ -15,7 +15,8 @@ PROBES = 4
 MARGIN = 4.0
 """Safety factor of these errors: a few random disturbances seldom reach the worst case."""
 
-# Rounds of orthogonal iteration before the algorithm itself: they put large eigenvalues first.
+# Number of rounds of orthogonal iteration before the periodic QR algorithm: they order the
+# eigenvalues by descending modulus.
 _ROUNDS = 2
 
 

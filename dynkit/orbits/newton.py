@@ -12,9 +12,10 @@ from scipy.linalg.lapack import dgesv
 from dynkit.core.validation import Array, all_finite
 
 ROUNDING = 2.0**-52
-# Residuals below the first are rounding; a solution has a residual below the second.
-# Where equations are stiff, so has one below the third that rounding explains.
+# A residual below _FLOOR is rounding. A solution has a residual below ACCEPTABLE; a solution of
+# stiff equations may have one below _STIFF, if each residual is at most four rounding errors.
 _FLOOR, ACCEPTABLE, _STIFF = 16.0 * ROUNDING, 1e-10, 1e-8
+# Relative rounding error of the unknowns in the error bound.
 _OF_UNKNOWNS = 4.0 * ROUNDING
 SHORT = 1e-8
 """After a last step below this, in scaled unknowns, the direction need not be computed again."""
@@ -72,7 +73,7 @@ class Equations(ABC):
     def linearization_error(self, y: Array) -> Any:
         """Return the error beyond rounding of the derivative's first m rows and columns, (m, m).
 
-        Zero where there is none.
+        Zero for a derivative with rounding errors only.
         """
 
     def corrected(
@@ -122,7 +123,8 @@ def correct(
 ) -> Correction:
     """Solve R(y) = 0 from a guess by damped Newton steps.
 
-    It ends when the residual is at most `level`, or no longer falls and is near rounding.
+    The iteration ends when the residual is at most `level`, or is near rounding and no longer falls
+    by half.
 
     Parameters
     ----------
@@ -224,7 +226,7 @@ def _damped(
             refusal = failure
             continue
         size_trial = float(abs(f).max())
-        # at rounding level a shorter step is no better
+        # near rounding a shorter step does not reduce the residual
         if size_trial < size or size <= ACCEPTABLE:
             return trial, f, size_trial
     if refusal is not None:

@@ -16,10 +16,12 @@ from dynkit.orbits.map_problem import MapProblem, sizes
 from dynkit.orbits.newton import NoConvergence
 from dynkit.orbits.solving import solve
 
-# States of an orbit that agree to this are tried as one state. After a period doubling they are
-# this close only where the parameter is within the square of it, 1e-14, of the bifurcation.
+# States of an orbit that differ by less than this, relative to their size, are tried as one state.
+# After a period doubling they are so close only if the parameter is within the square of this
+# number, 1e-14, of the bifurcation.
 _SAME = 1e-7
-# Far from the origin states of two orbits agree to that, too. They differ by many of their errors.
+# States of different orbits far from the origin may also differ by less than _SAME. Equal orbits
+# differ by at most this many times the sum of their errors, different ones by more.
 _APART = 10.0
 _NONE = np.empty(0)
 _FAMILY = "no isolated periodic orbit found from the guess: it is one of a family, "
@@ -82,7 +84,7 @@ def _guessed(system: SmoothMap, guess: Any, period: int | None) -> Array:
     d = system.dimension
     if _is_one_state(guess):
         n = 1 if period is None else positive_integer("period", period)
-        # n d equations for as many unknowns, solved in a copy
+        # two square matrices, of n d equations for as many unknowns
         within_memory("period", n, 2.0 * 8.0 * (float(n) * d) ** 2)
         start = finite_array("guess", guess, (d,))
         try:
@@ -113,7 +115,7 @@ def _solved(system: SmoothMap, states: Array) -> tuple[Array, tuple[float, ...]]
         raise NoConvergence(
             f"{failure}; for period {len(states)} from {states[0].tolist()} of {system!r}"
         ) from failure
-    # set coordinates below rounding to zero: rounding errors must not become scales
+    # set coordinates below rounding to zero: otherwise rounding errors would become scales
     cleared = np.where(abs(x) < 2.0**-52 * problem.scale(x), 0.0, x)
     if abs(problem.residual(cleared, _NONE)).max() <= history[-1]:
         x = cleared

@@ -187,8 +187,8 @@ class PeriodicOrbit(ProblemSolution):
     def isolated(self) -> bool:
         """Whether no multiplier is 1 within its error: no other orbit of this period is near.
 
-        Otherwise the orbit may belong to a continuous family at the same parameters, as for an
-        undamped mode in resonance, or to a bifurcation SN or BP.
+        If it is False, the orbit may belong to a continuous family at the same parameters, as for
+        an undamped mode in resonance, or be at a bifurcation SN or BP.
         """
         return bool((abs(self.multipliers - 1.0) > self.multipliers_error).all())
 

@@ -29,16 +29,19 @@ _Orbit = TypeVar("_Orbit", bound="PeriodicOrbit")
 
 # Largest distance of an orbit's states from the box, in widths of the box.
 _BESIDE = 3.0
-# Most dimensions for a covering by cells, which have 2^d corners; others are searched from random
-# guesses.
+# Largest number of dimensions for a covering by cells, which have 2^d corners; maps of more
+# dimensions are searched from random guesses.
 _COVERED = 3
-# Number of random guesses; iterates of each; close returns of each that are tried for a period.
+# Number of random guesses; number of iterates of each guess; number of close returns among these
+# from which Newton's method starts, for each period.
 _GUESSES, _ITERATES, _RETURNS = 20, 200, 5
-# Orbits whose states agree to this, relative to their size, are equal, as in `periodic_orbit`.
+# Orbits whose states differ by at most this, relative to their size, are equal, as in
+# `periodic_orbit`.
 _SAME = 1e-7
-# A period is resolved when this number of successive halvings found no more orbits, but not before
-# this level: from the coarsest coverings Newton's method seldom converges.
+# A period is resolved when _STILL successive halvings of the cells found no more orbits, but not
+# before level _LEAST_LEVEL: from the coarsest coverings Newton's method seldom converges.
 _STILL, _LEAST_LEVEL = 2, 6
+# A coordinate below this, relative to the largest of the states, may be a rounding error of zero.
 _ROUNDING = 1e-14
 
 
@@ -188,11 +191,11 @@ def find_orbits(
     A map of one dimension is searched lap by lap. Where an iterate f^n decreases, it has at most
     one periodic point. Where it increases, intervals are halved until all slopes of f^n in them are
     above one, or all below. Slopes and turning points of the map are those of a grid of 1024 cells,
-    refined where the map is curved. So an orbit can be missed only where two turning points lie in
-    one cell, or a slope that no other point of the cell has. Maps with an angle, and maps of two
-    and three dimensions, are searched by Newton's method from each cell of a covering of the
-    recurrent states. The covering is refined until no more orbits are found. In more dimensions
-    Newton's method starts from close returns among iterates of random guesses.
+    refined where the map is curved. So an orbit can be missed only if two turning points lie in one
+    cell, or if the slope within a cell leaves the range of the slopes on the grid. Maps with an
+    angle, and maps of two and three dimensions, are searched by Newton's method from each cell of a
+    covering of the recurrent states. The covering is refined until no more orbits are found. In
+    more dimensions Newton's method starts from close returns among iterates of random guesses.
 
     Parameters
     ----------
@@ -287,7 +290,7 @@ class _Found:
         ]
 
     def holds(self, states: Array) -> bool:
-        """Whether successive iterates belong to a known orbit."""
+        """Whether the successive iterates `states`, (n, d), belong to a known orbit."""
         n = len(states)
         divisors = (*proper_divisors(n), n)
         return any(self._same(orbit, states) for k in divisors for orbit in self._orbits[k])
@@ -388,7 +391,7 @@ def _by_returns(calls: MapCalls, found: _Found, box: Array) -> tuple[int, Array,
 
 
 def _iterates(system: SmoothMap, state: Array, period: int) -> Array:
-    """Return `period` states from a state on, (n, d); all NaN where the motion ends."""
+    """Return the first `period` iterates, (n, d), from a state; all NaN if the motion ends."""
     states = [state]
     try:
         for _ in range(period - 1):

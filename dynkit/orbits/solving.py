@@ -52,7 +52,7 @@ def solve(
 ) -> tuple[Array, tuple[float, ...]]:
     """Return the unknowns of one solution at given parameters, and the history of residuals.
 
-    `what` begins the message when no solution is found.
+    The message begins with the text `what` when no solution is found.
 
     Raises
     ------

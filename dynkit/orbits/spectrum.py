@@ -31,7 +31,7 @@ class Spectrum(Enum):
         return 1.0 if self.periodic else 0.0
 
     def stable(self, values: Any) -> Any:
-        """Return whether the disturbance of each number decays; on a level, does not grow."""
+        """Return whether the disturbance of each number decays, or on a level does not grow."""
         if self is Spectrum.CONSERVATIVE:
             return self.inside(values)
         if self is Spectrum.MULTIPLIERS:

@@ -22,7 +22,8 @@ COLUMN_WIDTH = 3.4
 # Lightness of the first lines of a figure where the user has chosen no colours.
 _GREYS = (0.0, 0.35, 0.55, 0.7)
 
-# Files without dates: the same figure gives the same file. Level 3 takes two thirds of the time.
+# Files have no dates, so that the same figure gives the same file. Compression at level 3 takes two
+# thirds of the time.
 _OPTIONS: dict[str, dict[str, Any]] = {
     ".png": {"metadata": {"Software": None}, "pil_kwargs": {"compress_level": 3}},
     ".svg": {"metadata": {"Date": None}},
@@ -37,7 +38,7 @@ DOTS: dict[str, Any] = {"linestyle": "none", "marker": "o", "markeredgewidth": 0
 
 @cache
 def _journal() -> Mapping[str, Any]:
-    """Return the settings of the style ``dynkit.plotting.journal`` for what figures contain."""
+    """Return the settings of the style ``dynkit.plotting.journal`` for the content of figures."""
     from matplotlib import rc_params_from_file
 
     file = Path(__file__).with_name("journal.mplstyle")

@@ -19,10 +19,11 @@ _PLACES = (
     *((0.0, 0.8), (0.0, -1.6), (1.0, -0.4), (-1.0, -0.4)),
 )
 
-# A marker larger than this, in points, is a symbol; to cover one is as bad as so many dots.
+# A marker larger than _DOT, in points, is a symbol. A name that covers a symbol counts as if it
+# covered _SYMBOL dots.
 _DOT, _SYMBOL = 1.5, 50
 _NAME = "name beside a curve"
-"""Mark of texts that `write_names` has written."""
+"""Group of the texts that `write_names` has written (`gid` of matplotlib)."""
 
 
 def write_names(axes: Axes, marks: list[tuple[Array, str]], size: float) -> None:
@@ -93,7 +94,10 @@ def _moved(text: Annotation, place: tuple[float, float]) -> Any:
 
 
 def _drawn(axes: Axes, point: float) -> Array:
-    """Return positions (k, 2) in pixels of markers, and along curves a typographic point apart."""
+    """Return positions (k, 2) in pixels of markers, and of points along the drawn curves.
+
+    The points on curves are one typographic point apart.
+    """
     parts = [np.empty((0, 2))]
     for line in axes.lines:
         xy = axes.transData.transform(np.asarray(line.get_xydata()))

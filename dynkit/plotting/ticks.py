@@ -1,4 +1,4 @@
-"""Numbers beside ticks: whole, without an offset or a power at the end of the axis."""
+"""Complete numbers beside ticks, without an offset or a power of ten at the end of the axis."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ _PLAIN, _DECIMALS = (1e-4, 1e6), 15
 
 @final
 class WholeNumbers(Formatter):
-    """Write each number as a whole; where they are too long, some ticks have none."""
+    """Writes the complete number beside each tick; if they are too long, only beside some ticks."""
 
     def __call__(self, x: float, pos: int | None = None) -> str:
         del pos
@@ -45,7 +45,7 @@ class WholeNumbers(Formatter):
 
 
 def _decimals(values: Any) -> int:
-    """Return the fewest decimals by which values differ from each other as they do."""
+    """Return the least number of decimals with an error below 1e-3 of the values' spacing."""
     apart = abs(np.diff(values)).min(initial=abs(values).max(initial=1.0))
     for decimals in range(_DECIMALS):
         if (abs(values - values.round(decimals)) <= 1e-3 * apart).all():
@@ -54,7 +54,7 @@ def _decimals(values: Any) -> int:
 
 
 def write_whole_numbers(axes: Axes) -> Axes:
-    """Let both axes write whole numbers, and return them."""
+    """Let both axes write complete numbers beside their ticks, and return the axes."""
     for axis in (axes.xaxis, axes.yaxis):
         axis.set_major_formatter(WholeNumbers())
     return axes

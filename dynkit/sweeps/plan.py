@@ -24,8 +24,8 @@ from dynkit.labels.label import OrbitKind, OrbitLabel
 KIND = "sweep"
 
 _MOST_RUNS = 16
-"""Most runs in which a displaced motion may leave an orbit. With the default 800 states a run they
-suffice where the largest multiplier exceeds 1.0014 per state."""
+"""Largest number of runs in which a displaced motion may leave an orbit. With the default 800
+states a run they suffice where the largest multiplier exceeds 1.0014 per state."""
 
 
 @final
@@ -65,7 +65,7 @@ class Plan:
         return (self.parameter,)
 
     def system_at(self, value: float, known: Map | None = None) -> Map:
-        """Return the system at a value, from one at another value where that is known."""
+        """Return the system at a value, made from the system `known` at another value, if given."""
         system = known or self.system
         if system is None:
             raise ValueError("system must be given to load a sweep that is to simulate; got None")
@@ -96,7 +96,7 @@ class Plan:
         label = motion.label_within(self.keep)
         if label.kind not in (OrbitKind.PERIODIC, OrbitKind.STICKING) or label.stable:
             return motion, False
-        # the geometric mean of the relative error of one iterate and of the size of the motion
+        # geometric mean of the error of an iterate, relative to the motion's size, and of that size
         size = math.sqrt(system.accuracy)
         away = system.displaced(motion, size)
         for _ in range(self._runs_to_leave(label, size)):
@@ -236,8 +236,9 @@ class Values(Points):
 class _Simulation:
     """Simulation of some values to rows; its plan holds only the first value, for the start.
 
-    `last` is the last state of the value before it, which need not be unpacked from the numbers of
-    the engine then. `system` is that of the last value, of which the next one may keep parts.
+    `last` is the value simulated last and its last state: the next task need not unpack this state
+    from the rows of the engine. `system` is the system at that value: the system at the next value
+    may reuse its parts.
     """
 
     plan: Plan

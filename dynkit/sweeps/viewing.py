@@ -16,7 +16,7 @@ NO_SYSTEM = "The result was loaded without its system: the page has no time seri
 
 
 def page_of(sweep: Any, motions: int) -> Page:
-    """Return the page of a sweep: the first observable, and the motion of each value."""
+    """Return the page of a sweep: the first observable, and time series of at most `motions`."""
     name, k = sweep.observables[0], len(sweep)
     numbers = sweep.observable(name)
     place, column = np.nonzero(~np.isnan(numbers))

@@ -67,7 +67,7 @@ def attractor_has_sections(make: MakeAttractor) -> None:
 
 
 def attractor_says_cost_and_error(make: MakeAttractor) -> None:
-    """The cost's seconds and the error are not negative, and the error is no NaN."""
+    """The cost's seconds and the error are not negative, and the error is not NaN."""
     attractor = make(7, 20)
     require(attractor.cost.seconds >= 0.0, "the cost is not negative", f"{attractor.cost}")
     require(attractor.error >= 0.0, "the error is not negative", f"got {attractor.error}")

@@ -1,4 +1,4 @@
-"""A slow, obvious motion of a machine with one element: SciPy's integration from guard to guard."""
+"""Slow reference motions of a machine with one element: SciPy's integration between guards."""
 
 from __future__ import annotations
 
@@ -8,23 +8,24 @@ import numpy as np
 
 from dynkit.core.validation import Array
 
+# Relative tolerance of the integration; samples of each integration; largest number of events.
 _TOLERANCE, _SAMPLES, _MOST = 1e-11, 20, 20
-# What is so small at an event is zero but for the integration; so long it takes to see what grows.
+# A guard at an event with a magnitude below this is zero: the difference is error of integration.
 _TINY = 1e-9
 
 
 class SlowMotion:
-    """Positions of a machine whose only element goes through its regimes.
+    """Positions of a machine with a single element, through the regimes of the element.
 
-    The equations are M x'' + C x' + K x = f(t) + J^T F, with F, towards the side of the element, by
-    its regime: p - k g - c g', or what keeps the rate of the gap at zero.
+    The equations are M x'' + C x' + K x = f(t) + J^T F. The force F, towards the side of the
+    element, depends on the regime: p - k g - c g', or the force that keeps the gap's rate at zero.
 
     Attributes
     ----------
     times, positions : (k,), (k, N)
-        Samples, up to where an integration can go.
+        Samples of the motion, up to the last event that the integration can pass.
     events : list of (float, int)
-        Times and regimes that began.
+        Times of the events, and the regimes that begin there.
     """
 
     def __init__(self, machine: Any) -> None:
@@ -57,7 +58,7 @@ class SlowMotion:
                 break
             guards = [g for g in self.element.regimes[regime].guards if not g.at_once]
             watched = [_event(self, regime, guard) for guard in guards]
-            # Guards begin at zero where an event has just happened: past it by very little.
+            # After an event its guard is zero: integrate past the event for a very short time.
             given: Any = {"method": "DOP853", "rtol": _TOLERANCE, "atol": 1e-13}
             first: Any = solve_ivp(self._rate(regime), (now, now + 1e-6 * period), y, **given)
             now, y = float(first.t[-1]), first.y[:, -1]
@@ -90,7 +91,7 @@ class SlowMotion:
         return float(np.sin(angle)), float(np.cos(angle))
 
     def _seen(self, t: float, y: Array) -> tuple[float, float]:
-        """The gap and its rate."""
+        """Return the gap and its rate."""
         element, (sine, cosine) = self.element, self._phase(t)
         place = element.offset + element.swing(sine, cosine)
         speed = element.drift + element.swing_rate(self.w, sine, cosine)
@@ -100,7 +101,7 @@ class SlowMotion:
         )
 
     def _force(self, t: float, y: Array, regime: int) -> float:
-        """The force towards the side of the element."""
+        """Return the force towards the side of the element."""
         doing = self.element.regimes[regime]
         if doing.holds or doing.sticks:
             sine, cosine = self._phase(t)
@@ -111,13 +112,13 @@ class SlowMotion:
         return float(doing.push - doing.stiffness * gap - doing.damping * rate)
 
     def watched(self, t: float, y: Array, regime: int, guard: Any) -> float:
-        """What a guard watches."""
+        """Return the value of a guard: its combination of gap, rate, force and level."""
         gap, rate = self._seen(t, y)
         force = self._force(t, y, regime) if guard.force else 0.0
         return float(guard.gap * gap + guard.rate * rate + guard.force * force + guard.level)
 
     def _others(self, t: float, y: Array) -> Array:
-        """All forces but that of the element."""
+        """Return all forces but that of the element, (N,)."""
         sine, cosine = self._phase(t)
         outer = self.harmonic.real * sine + self.harmonic.imag * cosine + self.constant
         x, v = y[: self.n], y[self.n :]
@@ -132,7 +133,10 @@ class SlowMotion:
         return rate
 
     def _after(self, t: float, y: Array, regime: int, guard: Any) -> int | None:
-        """The regime that follows where a guard is zero; the state is modified in place."""
+        """Return the regime that follows a zero of a guard; the state is modified in place.
+
+        None where the integration ends, as for a chatter.
+        """
         rate = self._seen(t, y)[1]
         if guard.hits:
             y[self.n :] -= (1.0 + self.element.restitution) * rate * self._kick
@@ -142,7 +146,10 @@ class SlowMotion:
         return self._settled(t, y, guard.to)
 
     def _settled(self, t: float, y: Array, regime: int) -> int | None:
-        """The regime in which no guard is negative at once."""
+        """Return the regime, followed from the given one, in which no guard is negative.
+
+        None where there is no such regime.
+        """
         for _ in range(2 * len(self.element.regimes)):
             for guard in self.element.regimes[regime].guards:
                 if guard.hits or guard.halts:

@@ -1,4 +1,4 @@
-"""Whether an element of a machine keeps its contract, and moves it as a slow integration does."""
+"""Checks of elements against the contract of `Element`, and against a slow integration."""
 
 from __future__ import annotations
 
@@ -13,17 +13,22 @@ from dynkit.testing.element_reference import SlowMotion
 from dynkit.testing.requirements import require
 
 ElementCheck: TypeAlias = Callable[[Any, Any], None]
-"""Of an element, and of a machine that it may act on."""
+"""Check of an element, with a machine on which it may act."""
 
+# Number of random states of a regime, and seed of random numbers.
 _POINTS, _SEED = 200, 1
+# Largest number of random starts for the comparison with the slow integration.
 _TRIES = 30
-# The slow integration is right to so much, relative to the largest displacement; what rounding
-# leaves of an energy that is neither lost nor gained.
+# Largest error of the slow integration, relative to one plus the largest displacement; largest
+# relative rounding error of an energy balance.
 _CLOSE, _ROUNDING = 1e-7, 1e-9
 
 
 def element_is_a_frozen_value(element: Any, machine: Any) -> None:  # noqa: ARG001
-    """1. A frozen dataclass, equal to its copies by `replace` and by pickle; regimes are pure."""
+    """1. An element is a frozen dataclass, and equals its copies by `replace` and by pickle.
+
+    Its regimes are the same at every call, and in a copy.
+    """
     options = getattr(type(element), "__dataclass_params__", None)
     kept = options is not None and options.frozen
     require(kept, "an element is a frozen dataclass", f"got {type(element).__name__}")
@@ -42,7 +47,7 @@ def element_is_a_frozen_value(element: Any, machine: Any) -> None:  # noqa: ARG0
 
 
 def guards_lead_somewhere(element: Any, machine: Any) -> None:  # noqa: ARG001
-    """2. Each regime has guards, each of them watches something and leads to another regime."""
+    """2. Each regime has guards, and each guard watches a quantity and leads to another regime."""
     regimes = element.regimes
     require(len(regimes) > 0, "an element has regimes", "got none")
     for here, regime in enumerate(regimes):
@@ -66,7 +71,7 @@ def guards_lead_somewhere(element: Any, machine: Any) -> None:  # noqa: ARG001
 
 
 def springs_push_back(element: Any, machine: Any) -> None:  # noqa: ARG001
-    """3. No stiffness is negative, and what holds or sticks pushes by nothing else."""
+    """3. No stiffness is negative, and a regime that holds or sticks has no other force."""
     for here, regime in enumerate(element.regimes):
         stiffness = f"the stiffness of regime {here} is not negative"
         require(regime.stiffness >= 0.0, stiffness, f"got {regime.stiffness}")
@@ -76,11 +81,11 @@ def springs_push_back(element: Any, machine: Any) -> None:  # noqa: ARG001
 
 
 def regimes_last_when_entered(element: Any, machine: Any) -> None:  # noqa: ARG001
-    """4. What a guard leads to is not over at once, and its `order` is right.
+    """4. The regime to which a guard leads does not end at once, and the guard's `order` is right.
 
-    In regimes that do not hold or stick a guard is a function of the gap and its rate. Where one
-    comes to zero from above, the guards of the regime that follows are positive, or zero and
-    rising, at some gap and rate at least.
+    In regimes that do not hold or stick a guard is a function of the gap and its rate. At some gaps
+    and rates at which a guard falls to zero, the guards of the next regime must be positive, or
+    zero and rising.
     """
     random = np.random.default_rng(_SEED)
     for here, regime in enumerate(element.regimes):
@@ -105,7 +110,7 @@ def regimes_last_when_entered(element: Any, machine: Any) -> None:  # noqa: ARG0
 
 
 def _reached(regime: Any, watch: Any, random: Any) -> list[Any]:
-    """Gaps, rates and accelerations where a guard falls through zero, and no other is negative."""
+    """Return gaps, rates and accelerations where a guard falls to zero and no other is negative."""
     found = []
     for state in random.normal(size=(_POINTS, 3)):
         if watch.gap:
@@ -120,7 +125,7 @@ def _reached(regime: Any, watch: Any, random: Any) -> list[Any]:
 
 
 def _values(watch: Any, state: Any) -> tuple[float, float]:
-    """A guard and its rate; a value that is rounding is zero."""
+    """Return the value of a guard and its rate; a value at rounding level is zero."""
     terms = watch.gap * state[0], watch.rate * state[1], watch.level
     value = sum(terms)
     if abs(value) < 1e-12 * max(map(abs, terms)):
@@ -129,7 +134,7 @@ def _values(watch: Any, state: Any) -> tuple[float, float]:
 
 
 def _negative(regime: Any, state: Any) -> int | None:
-    """The first guard that is negative at once."""
+    """Return the first guard that is negative, or zero and falling; None if there is none."""
     for k, watch in enumerate(regime.guards):
         value, rate = _values(watch, state)
         if not watch.at_once and (value < 0.0 or (value == 0.0 and rate < 0.0)):
@@ -138,7 +143,7 @@ def _negative(regime: Any, state: Any) -> int | None:
 
 
 def numbers_are_parameters(element: Any, machine: Any) -> None:
-    """5. Its numbers are parameters of the machine, which `replace` changes, and nothing else."""
+    """5. The numbers of an element are parameters of the machine; `replace` changes only these."""
     own = machine.replace(elements=[element])
     name = element.name or "elements[0]"
     fields = {f.name for f in dataclasses.fields(element)}
@@ -154,9 +159,9 @@ def numbers_are_parameters(element: Any, machine: Any) -> None:
 
 
 def motions_are_those_of_a_slow_integration(element: Any, machine: Any) -> None:
-    """6. The machine moves with it as an integration with small tolerances has it.
+    """6. The machine with the element moves as in an integration with small tolerances.
 
-    From several starts, up to the first contact that lasts, or 20 events.
+    The motions are compared from several starts, up to the first lasting contact or 20 events.
     """
     own = machine.replace(elements=[element])
     random = np.random.default_rng(_SEED)
@@ -186,7 +191,7 @@ def motions_are_those_of_a_slow_integration(element: Any, machine: Any) -> None:
 
 
 def energy_is_not_created(element: Any, machine: Any) -> None:
-    """7. What it dissipates is not negative, and the energy of the machine balances."""
+    """7. An element does not dissipate negative energy, and the energy of the machine balances."""
     own = machine.replace(elements=[element])
     name = element.name or "elements[0]"
     random = np.random.default_rng(_SEED)
@@ -203,7 +208,7 @@ def energy_is_not_created(element: Any, machine: Any) -> None:
 
 
 def _start(machine: Any, random: Any) -> Any:
-    """A random state of the machine; None beyond a stop."""
+    """Return a random state of the machine; None for a state beyond a stop."""
     n = machine.degrees_of_freedom
     x, v = random.normal(size=(2, n))
     try:
@@ -224,24 +229,24 @@ element_checks: tuple[ElementCheck, ...] = (
 
 
 def check_element(element: Any, machine: Any) -> None:
-    """Check that an element keeps its contract, on a machine of your choice.
+    """Check that an element satisfies its contract, on a machine of your choice.
 
-    The checks are, in this order. The element is a frozen value, and its guards lead to regimes
-    that exist. Its springs push back, its regimes last when they are entered, and its numbers are
-    parameters. Then the machine must move as in a slow integration by SciPy's DOP853, and the
-    element must create no energy.
+    The checks require, in this order, that the element is a frozen value; that its guards lead to
+    regimes that exist; that no stiffness is negative; that a regime does not end when it begins;
+    that the numbers of the element are parameters of the machine; that the machine moves as in a
+    slow integration by SciPy's DOP853; and that the element creates no energy.
 
     Parameters
     ----------
     element : Element
     machine : ImpactOscillator
-        That something drives, so that its section is where a period begins, or impacts. Its own
-        elements are left out.
+        A machine with forcing, so that its section contains the states at the beginning of periods,
+        or just after impacts. Its own elements are left out.
 
     Raises
     ------
     AssertionError
-        Naming what is required and what was found.
+        The message names the requirement and the finding.
 
     Examples
     --------

@@ -22,6 +22,7 @@ from dynkit.testing.requirements import (
 
 FlowCheck: TypeAlias = Callable[[Flow, Array], None]
 
+# Duration for which the checks advance a state.
 _DURATION = 0.5
 
 

@@ -23,13 +23,13 @@ MapCheck: TypeAlias = Callable[[Map, Array], None]
 
 
 def next_state_has_the_shape(system: Map, states: Array) -> None:
-    """The next state of (d,) is finite, of floats, and (d,)."""
+    """The next state of a state (d,) is an array (d,) of finite floats."""
     for state in states:
         require_shape("the next state", system(state), (system.dimension,))
 
 
 def jacobian_has_the_shape(system: Map, states: Array) -> None:
-    """The jacobian is finite, of floats, and (d, d)."""
+    """The jacobian is an array (d, d) of finite floats."""
     for state in states:
         require_shape("the jacobian", system.jacobian(state), (system.dimension,) * 2)
 

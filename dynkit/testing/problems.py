@@ -71,7 +71,7 @@ def parameter_derivative_is_the_derivative(problem: Problem, x: Array, p: Array)
         lambda q: _residual(problem, x, q),
         p,
         accuracy=max(float(problem.rounding(x, p).max()), _ROUNDING),
-        least=0.0 if p.any() else 1.0,  # steps are not relative to zero
+        least=0.0 if p.any() else 1.0,  # steps cannot be relative to zero
     )
 
 

@@ -12,6 +12,7 @@ from dynkit.core.parameters import Family
 from dynkit.core.validation import Array
 
 FLOW_ACCURACY = 1e-7
+"""Largest relative difference of states of flows, which may be integrated, that count as equal."""
 
 VectorFunction: TypeAlias = Callable[[Array], Array]
 
@@ -92,7 +93,7 @@ def require_derivative(
     accuracy: float = 2.0**-52,
     least: float = 0.0,
 ) -> None:
-    """Require equality to differences, within twenty times the estimated error of these."""
+    """Require equality to differences, within twenty times their estimated error."""
     lost = f"{name} can be compared", f"differences do not converge at {point}"
     try:
         found, error = numerical_derivative(
@@ -118,8 +119,8 @@ def inside_its_range(
 ) -> _Family | None:
     """Return the system with a parameter inside its range, where differences can be computed.
 
-    The value is unchanged if it is inside already. The result is None for an infinite parameter,
-    which means that the system lacks it.
+    The value is unchanged if it is inside already. The result is None for an infinite parameter:
+    its value means that the system has no such part.
     """
     value = system.parameters[name]
     if not np.isfinite(value):

@@ -34,7 +34,7 @@ def html_of(title: str, data: Any) -> str:
     refuse_without_plotly()
     from plotly.offline import get_plotlyjs
 
-    # a text of the data must not end the element that contains it
+    # escape "<": a text of the data must not end the HTML element that contains it
     packed = json.dumps(data, default=_plain).replace("<", "\\u003c")
     parts = {
         "title": escape(title),

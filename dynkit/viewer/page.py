@@ -23,7 +23,7 @@ from dynkit.viewer.series import Series
 LOOKS = ("motion", "stable", "unstable", "inadmissible", "bifurcation", "inadmissible bifurcation")
 """How points are drawn, by number."""
 
-# Most points, dots and bytes of a page: browsers stay quick up to here.
+# Largest numbers of points, dots and bytes of a page: browsers show it without delay up to here.
 _MOST_POINTS, _MOST_DOTS, _MOST_BYTES = 250_000, 200_000, 48_000_000
 
 Facts = Mapping[str, Any]
@@ -74,7 +74,7 @@ class Page:
         Lines by their look; NaN separates them.
     cells : Cells, optional
     notes : sequence of str
-        What a reader of the page must know.
+        Notes to the reader, shown on the page.
     series : sequence of Series
     nearest : (p,) array of int
         The number of the time series nearest to each point; -1 without one.
@@ -217,11 +217,12 @@ class Page:
         chosen: Sequence[int] | None = None,
         group: NDArray[np.int64] | None = None,
     ) -> Page:
-        """Return the page with time series of at most this number of points.
+        """Return the page with time series of some of its points.
 
         Parameters
         ----------
         motions : int
+            Largest number of points with time series.
         series : callable
             Returns the series of a point by number; None, or NoMotion, without a motion.
         chosen : sequence of int, optional
@@ -244,11 +245,11 @@ class Page:
         return replace(page, series=list(kept.values()), owners=list(kept), nearest=nearest)
 
     def _spread(self, most: int) -> list[int]:
-        """Return at most this number of points, evenly chosen."""
+        """Return the numbers of at most `most` points, evenly chosen."""
         shape = (len(self.look),) if self.cells is None else self.cells.numbers.shape
         counts, left = [], most
         for axis, size in enumerate(shape):
-            # as fine along each axis, relative to its length
+            # the same density along each axis, relative to its length
             share = (left * size / np.prod(shape[axis + 1 :])) ** (1.0 / (len(shape) - axis))
             counts.append(min(max(round(share), 1), size, left))
             left //= max(counts[-1], 1)
@@ -262,7 +263,10 @@ class Page:
         return found
 
     def _near(self, owners: Sequence[int], group: NDArray[np.int64]) -> NDArray[np.int64]:
-        """Return the number of the nearest owner of the same group, (p,), or -1."""
+        """Return for each point the index of the nearest owner of its group, (p,); -1 without one.
+
+        The distance is counted in points along a curve, or in rows and columns of a plane.
+        """
         near, own = np.full(len(group), -1), np.array(owners, dtype=np.int64)
         # indices along a curve; rows and columns of a plane
         shape = group.shape if self.cells is None else self.cells.numbers.shape
@@ -356,7 +360,7 @@ def _values(page: Page, name: str) -> list[Any]:
 
 
 def _column(values: Any) -> Any:
-    """Return numbers as an array, and texts as codes and names."""
+    """Return a column of numbers as an array, and one of texts as codes with their names."""
     array = np.asarray(values)
     if array.dtype.kind in "fiu":
         return array.astype(np.float64)

@@ -1,4 +1,4 @@
-"""Time series of motions, as pages for the browser show them."""
+"""Time series of motions for pages in the browser."""
 
 from __future__ import annotations
 
@@ -13,7 +13,8 @@ from dynkit.core.no_motion import NoMotion
 from dynkit.core.smooth_map import SmoothMap
 from dynkit.core.validation import Array
 
-# Iterates of a map, and returns of a flow to its section, that are shown of a motion without period
+# Largest number of iterates of a map, and of returns of a flow to its section, that are shown of a
+# motion without period.
 _ITERATES, _RETURNS = 200, 20
 # A short period is repeated up to this number of iterates.
 _FEW = 24
@@ -31,7 +32,7 @@ class Series:
     times : (m,) array
         Ascending; numbers of iterates for a map.
     columns : mapping of str to (m,) array
-        What is shown, by name.
+        The coordinates, by name.
     shown : tuple of str
         Columns against time; the second one and later ones are dashed.
     portrait : (str, str)
@@ -41,8 +42,8 @@ class Series:
     marks : sequence of int
         Indices of the samples at impacts.
     machine : mapping
-        What moves: ``masses`` and ``stops``, as the page's script reads them; empty for a map or a
-        flow.
+        The bodies of the animation: ``masses`` and ``stops``, in the form that the page's script
+        reads; empty for a map or a flow.
     """
 
     times: Array
@@ -82,7 +83,10 @@ def series_of_states(system: SmoothMap, states: Array, *, periodic: bool = False
 
 
 def _paths(system: SmoothMap, states: Array) -> list[tuple[Array, Array]]:
-    """Return times and states of the flow after each state, as far as the motion goes."""
+    """Return times and states of the flow after each state, until the motion ends.
+
+    The list is empty for a map that is not one of a flow.
+    """
     found = []
     for state in states:
         try:

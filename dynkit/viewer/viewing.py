@@ -21,7 +21,7 @@ class Viewed(ABC):
 
     @abstractmethod
     def _page(self, motions: int) -> Page:
-        """Return the page with time series of at most this number of points."""
+        """Return the page, with time series of at most `motions` points."""
 
     @final
     def view(
@@ -43,9 +43,9 @@ def view(
 ) -> Page:
     """Show results in the browser, and return the page.
 
-    A page is one file that needs neither a server nor a network. It has the diagram, which zooms,
-    and names points under the pointer. A click on a point, or the arrow keys, show its time series,
-    phase portrait and animation. These motions are computed when the page is made.
+    A page is one file that needs neither a server nor a network. Its diagram can be zoomed, and
+    describes the point under the pointer. A click on a point, or an arrow key, shows the time
+    series, phase portrait and animation of a point. They are computed when the page is made.
 
     Parameters
     ----------
@@ -54,7 +54,7 @@ def view(
     out : path, optional
         File for the page; by default a temporary one.
     motions : int
-        Largest number of points with time series, evenly chosen; the others show the nearest.
+        Largest number of points with time series, evenly chosen; the others show the nearest one.
     show : bool
         Whether to open the page in the browser. A notebook shows the page itself instead.
 

@@ -1,1 +1,1 @@
-"""Bifurcations along a branch: found, located, classified, and left on other branches."""
+"""Bifurcations along a branch: detection, location, criticality, and switching of branches."""

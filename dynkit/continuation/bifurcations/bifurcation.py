@@ -22,7 +22,7 @@ from dynkit.orbits.kinds import BifurcationKind
 
 _Known = TypeVar("_Known")
 _TURNING = BifurcationKind.NS, BifurcationKind.RS
-# A bifurcation that is nearer to a point, in steps, is at the point.
+# A bifurcation that is nearer to a point than this, in steps, is at the point.
 _AT_POINT = 1e-6
 
 
@@ -35,7 +35,7 @@ def given(part: _Known | None, owner: str = "Branch") -> _Known:
 
 def borders_a_motion(admissible: NDArray[np.bool_], place: float) -> bool:
     """Whether the orbit of a point next to a place on a branch is a motion of the system."""
-    # where a point is on the border itself, its neighbours on both sides
+    # if a point is on the border itself, examine its neighbours on both sides
     before, after = math.ceil(place - _AT_POINT) - 1, math.floor(place + _AT_POINT) + 1
     return bool(admissible[np.clip(before, 0, len(admissible) - 1) : after + 1].any())
 
@@ -146,7 +146,7 @@ class Bifurcation(Tabled):
 
     @property
     def rotation_error(self) -> float | None:
-        """To first order a bound on the error of `rotation_number`; None where that is None."""
+        """To first order a bound on the error of `rotation_number`; None without such a number."""
         if self.kind == BifurcationKind.RS:
             return 0.0
         return None if self.rotation_number is None else float(self.own_error[0] / (2.0 * np.pi))
@@ -173,8 +173,8 @@ class Bifurcation(Tabled):
 
         At PD it is on the branch of twice the period, and at BP on the crossing branch. At HB it is
         on the branch of the periodic orbits that are born, and at GR on the branches with one
-        impact more or less, none where the contact is at another event. SN, NS, RS and CB have
-        none.
+        impact more or less. The list is empty at SN, NS, RS and CB, and at a GR for which the
+        problem has no such orbit.
 
         Raises
         ------

@@ -25,11 +25,13 @@ from dynkit.orbits.spectrum import Spectrum
 
 # First step of differences, in scaled unknowns.
 _FIRST = 0.1
-# Safety factor of errors from trials; error of second derivatives in units of a map's accuracy.
+# _MARGIN is the safety factor of errors that are estimated by trials; _DERIVATIVES is the error of
+# second derivatives, in units of the accuracy of the map.
 _MARGIN, _DERIVATIVES = 4.0, 1e3
 # Largest difference between the critical multiplier and that of the return map.
 _SAME = 1e-6
-# Closer to a resonance of order up to four, mu^k = 1, cubic terms do not determine the criticality.
+# A multiplier with abs(mu^k - 1) below this, k = 1 to 4, is at a strong resonance: cubic terms do
+# not determine the criticality.
 _RESONANT = 1e-6
 
 
@@ -136,10 +138,10 @@ def criticality(place: Place, value: complex, form: NormalForm, sign: int) -> Cr
     began = time.perf_counter()
     x, p, kind = place.y[:-1], place.y[-1:], place.problem.stability
     if kind is Spectrum.CONSERVATIVE:
-        return None  # two multipliers meet at the critical one: these normal forms assume one
+        return None  # two multipliers become critical together: these normal forms assume one
     spectrum = np.asarray(place.problem.spectrum(x, p))
     if np.count_nonzero(abs(spectrum - value) < _SAME * max(1.0, abs(value))) > 1:
-        return None  # as of a symmetric system
+        return None  # several critical multipliers, as in a symmetric system
     accuracy = ROUNDING
     if isinstance(place.problem, PeriodicProblem):
         accuracy = place.problem.orbit(x, p).system.accuracy

@@ -127,8 +127,8 @@ KINDS: Mapping[BifurcationKind, Kind] = {
         normal_form=rotation,
         supercritical=-1,
     ),
-    # The smallest gap of a flight would jump as a square root within 1e-9 of the border; beyond the
-    # last chatter that completes there is no orbit, so that steps are not halved to the end.
+    # GR: the smallest gap of a flight jumps like a square root within 1e-9 of the border. CB: there
+    # is no orbit beyond the last chatter that completes, so that the division of steps ends early.
     BifurcationKind.GR: Kind(
         "grazing", (0, (3, 1.5)), "o", Noticed.EVENT, switch=neighbours, jump=1e-4
     ),

@@ -26,28 +26,31 @@ from dynkit.orbits.events import WatchedProblem
 from dynkit.orbits.kinds import BifurcationKind
 from dynkit.orbits.newton import NoSolution, correct, error_bound
 
+# Largest number of divisions of a step.
 _HALVINGS = 45
-# Of the error of a point: bisection ends where the points are nearer.
+# Bisection ends when the distance of the two points is below this fraction of the point's error.
 _OF_BLUR = 0.25
 # Tolerances of `beside` for a solution between two points.
 _WITHIN = (1e-6, 1e-9), 2.0
-# The same without its ends: in so many divisions at first a solution at an end is not taken, as it
-# may be that of the next step.
+# Tolerances of `beside` that exclude both ends of the step. They apply in the first _DOUBTED
+# divisions, because a solution at an end may be the bifurcation of the adjacent step.
 _INSIDE, _DOUBTED = ((-1e-6, -1e-9), 2.0), 4
-# Least abs(sin theta) of NS.
+# Least abs(sin theta) of NS: below it the multipliers are nearly real.
 _FLAT = 1e-3
 # Largest error of a located bifurcation, relative to the range of the parameter.
 _UNSURE = 1e-5
-# Largest distance of multipliers on the unit circle, or eigenvalues on the imaginary axis: double
-# ones have large rounding errors.
+# A multiplier is on the unit circle, or an eigenvalue on the imaginary axis, if its distance is
+# below this: double multipliers have large rounding errors.
 _ON_BORDER = 1e-5
 _PAIRS = (BifurcationKind.NS, BifurcationKind.HB)
-# Of the distance of a zero that values foretell: so far beside it the step is divided.
+# A step is divided beside the extrapolated zero of an event, by this fraction of the distance to
+# the zero.
 _ASIDE = 0.02
-# Parts of a step at which it is divided: near a chatter's border orbits may not be defined.
+# Fractions of a step at which it is divided, in the order of trial: near a chatter border an orbit
+# may not be defined.
 _PARTS = (0.5, 0.25, 0.75, 0.125)
-# Largest distance of a multiplier from the critical value at PD, and where a bifurcation is only
-# bisected: near grazing its rounding errors are large.
+# Largest distance of a multiplier from the critical value, at PD and at a bifurcation that is only
+# bisected: near grazing the rounding errors of multipliers are large.
 _NEAR = 0.01
 
 
@@ -57,8 +60,8 @@ def locate(
     """Return the bifurcation between two points; None when there is none after all.
 
     Newton's method is applied to its extended system. As long as it does not converge to a solution
-    between the points, the step is divided. If it never converges, the last step, as short as
-    rounding allows, is the result, except for NS, HB and jumps.
+    between the points, the step is divided. If it never converges, the result is the end of the
+    last step, which is as short as rounding allows. NS, HB, RS and jumps then have no result.
     """
     began = time.perf_counter()
     steps = 0
@@ -93,7 +96,7 @@ def locate(
             return None
         division.take(middle)
     least = min(_height(before, crossing), _height(after, crossing))
-    # of a zero this remains, too, where the step is not much longer than rounding
+    # the value of a zero falls with the length of the step, that of a jump does not
     left = _way(before, after) / begin
     if least > max(KINDS[crossing.kind].jump, left) * size:
         return None
@@ -122,7 +125,7 @@ def locate(
 
 
 def _way(before: Point, after: Point) -> float:
-    """Distance of two points, in scaled unknowns."""
+    """Return the distance of two points, in scaled unknowns."""
     return float(np.linalg.norm((after.y - before.y) / before.scale))
 
 
@@ -132,10 +135,10 @@ def _height(point: Point, crossing: Crossing) -> float:
 
 
 def _blur(curve: Continuation, point: Point) -> Array:
-    """Return the errors of unknowns and parameter of a border, from those of its orbit, (m + 1,).
+    """Return the errors, (m + 1,), of the unknowns and the parameter at a border.
 
-    The error of the parameter is at least the change that moves the unknowns along the branch by
-    their error.
+    They follow from the error bound of the orbit on the border. The error of the parameter is at
+    least the change that moves the unknowns along the branch by their error.
     """
     equations, scale = curve.equations, point.scale
     bound = error_bound(equations, equations.jacobian(point.y), point.y, scale, point.tangent)
@@ -152,18 +155,20 @@ def _is_plain(before: Point, after: Point, crossing: Crossing) -> bool:
 
 
 def _blurs(curve: Continuation, before: Point, after: Point) -> float:
-    """Return the distance of two points, in distances of the second from the exact curve."""
+    """Return the distance of two points, in units of `_OF_BLUR` times the error of the second."""
     apart, blur = abs(after.y - before.y), _OF_BLUR * _blur(curve, after)
     with np.errstate(divide="ignore"):
         return float((apart[apart > 0.0] / blur[apart > 0.0]).max(initial=0.0))
 
 
 class _Division:
-    """Where steps are divided: just before and just beyond where an event's value is zero, in turn.
+    """Chooses the position at which a step is divided, to enclose the zero of an event's value.
 
-    That is where the line through the last two positive values is zero; negative ones may be
-    jagged, as at the border of a chatter. Half-way where there is no event, where that place is not
-    within the step, and where steps are longer than by halving, as where the value jumps.
+    The position is just before and just beyond the extrapolated zero, in turn. This is the zero of
+    the line through the last two positive values; negative values are not used, because they may be
+    irregular, as beyond a chatter border. The step is halved if there is no event, if the
+    extrapolated zero lies outside the step, and if steps shrink more slowly than by halving, as
+    where the value jumps.
     """
 
     def __init__(self, event: int, before: Point, after: Point) -> None:
@@ -174,7 +179,7 @@ class _Division:
             self.take(point)
 
     def take(self, point: Point) -> None:
-        """Note a point of the branch."""
+        """Record the value of the event at a point of the branch."""
         if self._event < 0:
             return
         event = point.seen.events[self._event]
@@ -184,7 +189,7 @@ class _Division:
             self._positive = [*self._positive[-1:], (_way(self._begin, point), distance)]
 
     def part(self, before: Point, after: Point) -> float:
-        """Part of the step at which it is divided."""
+        """Return the position, as a fraction of the step, at which the step is divided."""
         low, high = _way(self._begin, before), _way(self._begin, after)
         late, self._longest = high - low > self._longest, 0.5 * self._longest
         if late or len(self._positive) < 2:
@@ -204,9 +209,10 @@ def _examined_middle(
     crossing: Crossing,
     first: float,
 ) -> Point | None:
-    """A point at a part of the step; elsewhere within it where there is no such orbit there.
+    """Return an examined point at the fraction `first` of the step, or at another of `_PARTS`.
 
-    For an event only that of its orbit is computed.
+    The first fraction at which an orbit is found is used. Where the crossing is an event, only the
+    value of this event is computed at the point.
     """
     length = _way(before, after)
     for part in (first, *_PARTS):
@@ -233,7 +239,7 @@ def _on_the_border(problem: Problem, x: Array, p: Array) -> int:
 
 
 def _is_multiplier(problem: Problem, x: Array, p: Array, number: float) -> bool:
-    """Whether one of the multipliers is near a number."""
+    """Whether a multiplier is within `_NEAR` of a number."""
     return bool((abs(np.asarray(problem.spectrum(x, p)) - number) < _NEAR).any())
 
 
@@ -242,7 +248,8 @@ def solved(
 ) -> Located | None:
     """Return the bifurcation that Newton's method finds between two points, if any.
 
-    At NS and HB one pair is on the border of stability, or as many as pass it `together`.
+    At NS and HB the number of pairs on the border of stability must be one, or the number
+    `together` of the pairs that cross it within the step.
     """
     kind, event, _ = crossing
     guess = interpolated(before, after, _part(before, after, crossing))

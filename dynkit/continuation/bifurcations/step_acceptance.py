@@ -19,7 +19,7 @@ from dynkit.orbits.kinds import BifurcationKind
 from dynkit.orbits.newton import NoSolution
 
 # Shortest step, in scaled unknowns, that is halved to separate bifurcations. This and the next two
-# are relative to the `repetition` where that is below one.
+# lengths are relative to the `repetition` if the repetition is below one.
 _SHORTEST = 1e-4
 # Shortest step that is halved where the sign of an event is defined at one end only.
 _UNSEEN = 1e-3
@@ -57,7 +57,7 @@ class Acceptance:
             return after, True
         if _BRANCH_POINT in found:
             if length > _JUMP and any(each.event >= 0 for each in found):
-                return after, False  # shorter steps tell them apart at less cost than solving
+                return after, False  # shorter steps separate them at less cost than solving
             # without a branch point between them the points are on different branches
             located = solved(self.problem, before, after, _BRANCH_POINT)
             if located is None and length > _JUMP:
@@ -81,8 +81,8 @@ class Acceptance:
 def _unclear(before: Seen, after: Seen) -> tuple[bool, bool]:
     """Whether events appear, or become defined, within a step."""
     values = [(a.value, b.value) for a, b in zip(before.events, after.events, strict=True)]
-    # an event appears, and is beyond its border at once
+    # an event is not defined (infinite) at one end, and beyond its border (negative) at the other
     appears = any(max(pair) == np.inf and min(pair) < 0.0 for pair in values)
-    # the sign of an event is defined at one end only; one that is nowhere near has none
+    # the sign of an event is undefined (NaN) at one end only, and its value is finite at the other
     clears = any((a != a) != (b != b) and np.inf not in (a, b) for a, b in values)
     return appears, clears

@@ -19,8 +19,9 @@ from dynkit.orbits.solving import solve
 # Distances along the new branch to try, in scaled unknowns: the first one close enough to the
 # bifurcation is taken. At smaller distances an orbit cannot be separated from its half.
 _DISTANCES = 10.0 ** np.arange(-2.0, -6.6, -0.5)
-# The distance from the tangent is quadratic in the distance along it, plus higher terms. Largest
-# deviation from the quadratic law, relative: the branch is then within a third of its parabola.
+# The distance of a branch from its tangent is quadratic in the distance along it, plus higher
+# terms. This is the largest relative deviation from the quadratic law: the branch is then within a
+# third of its parabola.
 _OFF = 0.25
 # Eigenvalues that agree so well are one eigenvalue, of a symmetry; relative to the modulus.
 _SAME = 1e-6

@@ -21,8 +21,8 @@ from dynkit.core.validation import Array
 from dynkit.orbits.equations import Problem
 from dynkit.orbits.kinds import BifurcationKind
 
-# Distance from the centre of a symmetric branch, relative to the step over it and at most, in
-# scaled unknowns: there both sides are compared, and closer folds do not count.
+# Both sides of a symmetric branch are compared at this distance from its centre: _OF_STEP times the
+# step over the centre, at most _ASIDE, in scaled unknowns. Folds closer to the centre do not count.
 _OF_STEP, _ASIDE = 0.25, 1e-3
 _OF_MULTIPLIERS = (BifurcationKind.SN, BifurcationKind.PD, BifurcationKind.NS)
 
@@ -32,8 +32,8 @@ _OF_MULTIPLIERS = (BifurcationKind.SN, BifurcationKind.PD, BifurcationKind.NS)
 class Trace:
     """Points of a curve in one direction; bifurcations with their places and directions.
 
-    `centres` are the places where the branch meets a branch that it is symmetric about, each with
-    a distance, see `_ASIDE`, and the length of the step over it.
+    `centres` are the places where the branch meets a branch about which it is symmetric. Each has
+    the distance described at `_ASIDE`, and the length of the step over it.
     """
 
     points: list[Point] = field(default_factory=list)
@@ -51,7 +51,7 @@ def trace(problem: Problem, curve: Continuation, inadmissible: bool) -> Trace:
     curve : Continuation
         It accepts points by an `Acceptance` of the same problem; its start is examined.
     inadmissible : bool
-        Whether it continues where the orbits are inadmissible.
+        Whether the branch continues where its orbits are inadmissible.
     """
     found = Trace()
     for point in curve.shown():
@@ -104,9 +104,9 @@ def trace(problem: Problem, curve: Continuation, inadmissible: bool) -> Trace:
 def _insert(
     problem: Problem, curve: Continuation, found: Trace, index: int, after: list[Point]
 ) -> None:
-    """Insert the bifurcations after point number `index`, and the points that separate them.
+    """Insert bifurcations in the step after point number `index`, and the points between them.
 
-    They take the place of those that were found without these points.
+    They replace the bifurcations that were found in this step without these points.
     """
     here = [
         (index + k + part, located, end.y - begin.y)
@@ -115,7 +115,7 @@ def _insert(
     ]
     known = [it for at, it, _ in found.located if index <= at <= index + 1]
     new = [it for _, it, _ in here if not any(_same(it, other) for other in known)]
-    if len(new) > bool(known):  # a single one beside others is one of these, found less well
+    if len(new) > bool(known):  # a single new one beside known ones is an inaccurate copy of one
         found.points[index + 1 : index + 2] = after
         late = len(after) - 1
         here += [
@@ -156,8 +156,9 @@ def joined(forward: Trace, backward: Trace) -> tuple[list[Point], tuple[Ending, 
 def is_of_event(place: float, located: Located, events: list[tuple[float, Located]]) -> bool:
     """Whether a bifurcation is the effect of a GR or CB at the same value, within two steps.
 
-    Where an orbit grazes two events may merge, or an impact vanish: the equations are singular, and
-    the parameter may turn, without a critical multiplier. Infinite errors say nothing of the value.
+    At a grazing orbit two events may merge, or an impact may vanish. The equations are then
+    singular, and the parameter may turn back, although no multiplier is critical. Values with an
+    infinite error are not compared.
     """
     if located.crossing.kind not in _OF_MULTIPLIERS or not np.isfinite(located.errors[-1]):
         return False
@@ -170,8 +171,8 @@ def is_of_symmetry(
 ) -> bool:
     """Whether a fold is the centre of a symmetric branch.
 
-    Where the branch is flat the direction of a point beside the centre is rounding: a fold within
-    two steps for which Newton's method finds no solution is that.
+    Near the centre the branch is flat: rounding decides whether the parameter grows along the
+    tangent. Such an apparent fold is within two steps of the centre, and is not solved for.
     """
     place = located.place
     near = [

@@ -1,8 +1,9 @@
-"""Bifurcations that come in pairs within a step, so that no test function changes its sign over it.
+"""Pairs of bifurcations within one step, over which no test function changes its sign.
 
-Between three points a test function is about a parabola. Where that turns back beyond the border,
-between two of them on the other side of it, the branch is examined. So it is between two numbers of
-the spectrum that pass the border within a step.
+The values of a test function at three successive points determine a parabola. If its extremum lies
+within a step and has the sign opposite to both ends of the step, a point near the extremum is
+examined. If two multipliers cross the border of stability within a step, a point between their
+crossings is examined, because no test function may change its sign over the step.
 """
 
 from __future__ import annotations
@@ -20,23 +21,24 @@ from dynkit.continuation.points import Point
 from dynkit.core.validation import Array
 from dynkit.orbits.spectrum import Spectrum
 
-# So often a step is divided in search of a pair.
+# Largest number of divisions of a step in search of a pair.
 _TRIES = 3
-# Of the fall to where a parabola turns: what is not parabolic may add as much to it.
+# Relative error of the depth of a parabola, from the value at the end of the step to the extremum:
+# a step is examined if the depth increased by this fraction reaches zero.
 _DOUBT = 0.05
-# A point nearer to the border than this is on it.
+# A test function with a magnitude below this is zero: the point is on the border.
 _BORDER = 1e-9
-# Most numbers of a spectrum that are followed.
+# Largest number of multipliers or eigenvalues that are followed from point to point.
 _MOST = 32
-# In place of an infinite or undefined distance of multipliers.
+# Finite number in place of an infinite or undefined distance of two multipliers.
 _FAR = 1e150
 
 
 def unnoticed(curve: Continuation, points: Sequence[Point]) -> Iterator[tuple[int, list[Point]]]:
-    """Yield the numbers of points before pairs, and the points after these that separate them.
+    """Yield for each step with a pair the index of its first point, and the points that follow.
 
-    From the last to the first; the last of the points is the one that followed before. The points
-    know the bifurcations since the points before them.
+    These points separate the bifurcations of the step; the last one is its old end. Their
+    `seen.crossings` are the bifurcations since the point before. Steps come in descending order.
     """
     for i, part in reversed(list(enumerate(_turns(points)))):
         if not math.isnan(part):
@@ -46,7 +48,7 @@ def unnoticed(curve: Continuation, points: Sequence[Point]) -> Iterator[tuple[in
 
 
 def _with_others(curve: Continuation, before: Point, found: list[Point]) -> list[Point]:
-    """Points after the first, and those that separate further pairs between them."""
+    """Return the points found after `before`, with points that separate further pairs."""
     every = [before, *found]
     for i, after in unnoticed(curve, every):
         every[i + 1 : i + 2] = after
@@ -54,9 +56,10 @@ def _with_others(curve: Continuation, before: Point, found: list[Point]) -> list
 
 
 def _between(curve: Continuation, points: Sequence[Point], part: float) -> list[Point]:
-    """Points from between the last two to the last: between them a test function has another sign.
+    """Return points within the last step that separate bifurcations, and the end of the step.
 
-    The first one that is tried is at a part of the step. Empty where there is none.
+    The points are two or three; the step is the one between the last two. It is divided first at
+    the fraction `part`. The result is empty if no more bifurcations are found than before.
     """
     known, places = list(points), [-1.0, 0.0, 1.0][-len(points) :]
     before, after = points[-2:]
@@ -84,9 +87,10 @@ def _between(curve: Continuation, points: Sequence[Point], part: float) -> list[
 
 
 def _separated(curve: Continuation, before: Point, after: Point) -> list[Point]:
-    """Accepted points from the first to the second, between which bifurcations are separate.
+    """Return accepted points from the first, which is left out, to the second.
 
-    Empty where there is no such point.
+    Steps between them are halved until they separate the bifurcations. The result is empty where a
+    point is not found.
     """
     after, clear = curve.accept(before, after)
     if after.seen is None:
@@ -102,9 +106,10 @@ def _separated(curve: Continuation, before: Point, after: Point) -> list[Point]:
 
 
 def _turns(points: Sequence[Point]) -> Array:
-    """Parts of steps, (k - 1,), at which a parabola turns beyond a border; NaN for none.
+    """Return the fraction of each step, (k - 1,), at which it is to be examined; NaN for none.
 
-    Or those half-way between two numbers of the spectrum that pass it.
+    It is where a parabola through three values of a test function has its extremum beyond zero, or
+    half-way between the crossings of two multipliers.
     """
     k, ways = len(points), [(b.y - a.y) / a.scale for a, b in pairwise(points)]
     steps = np.array([float(np.sqrt(way @ way)) for way in ways])
@@ -133,7 +138,10 @@ def _turns(points: Sequence[Point]) -> Array:
 
 
 def _halfway(heights: Array) -> Array:
-    """Of each step, (k - 1,), the part between the first two changes of sign; NaN for none."""
+    """Return the fraction of each step, (k - 1,), half-way between the first two sign changes.
+
+    It is NaN for a step with fewer than two sign changes of the columns of `heights`.
+    """
     a, b = heights[:-1], heights[1:]
     with np.errstate(all="ignore"):
         part = np.where((a > 0.0) != (b > 0.0), a / (a - b), np.nan)
@@ -142,12 +150,12 @@ def _halfway(heights: Array) -> Array:
 
 
 def _heights(points: Sequence[Point], steps: Array) -> tuple[Array, Array]:
-    """Numbers (k, j) whose signs are those of test functions; NaN or infinite where they have none.
+    """Return values (k, j) of test functions; NaN or infinite where they have no sign.
 
-    They are the tangent's part along the parameter; how far the numbers of the spectrum that are
-    nearest to the border of stability are beyond it, in the order in which they continue each
-    other; what events watch. The second array, (k, i), has those of the spectrum, of complex pairs
-    one.
+    The columns are the component of the tangent along the parameter; for the multipliers nearest to
+    the unit circle the logarithms of their moduli, or the real parts of eigenvalues; the values of
+    events. A column follows one multiplier from point to point. The second array, (k, i), has the
+    columns of multipliers only, and one of each complex pair.
     """
     rows, singles, last, ahead = list[Array](), list[Array](), np.empty(0), np.empty(0)
     for i, point in enumerate(points):
@@ -161,9 +169,9 @@ def _heights(points: Sequence[Point], steps: Array) -> tuple[Array, Array]:
             order = linear_sum_assignment(gaps)[1]
             known, last, outside = last, values[order], beyond[near][order]
             ahead = last
-            if 0 < i < len(steps):  # on the line through both: numbers may pass each other
+            if 0 < i < len(steps):  # extrapolate linearly: two multipliers may pass each other
                 ahead = last + (last - known) * (steps[i] / steps[i - 1])
-        if kind is Spectrum.CONSERVATIVE:  # all of them are on the border
+        if kind is Spectrum.CONSERVATIVE:  # the multipliers may all be on the unit circle
             outside = np.full(len(last), np.nan)
         events = [math.nan if event.ends else event.value for event in seen.events]
         rows.append(np.concatenate([point.tangent[-1:], outside, events]))

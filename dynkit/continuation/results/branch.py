@@ -115,8 +115,8 @@ class Branch(Viewed, SolutionCurve):
     def error(self) -> Array:
         """To first order a bound on the distance from the exact curve, (k,), read-only.
 
-        The unit of the parameter is its range, those of the unknowns are their typical sizes. The
-        nearest exact orbit may be one at another value of the parameter: see `orbit_errors`.
+        The unit of the parameter is its range; the units of the unknowns are their typical sizes.
+        The nearest exact orbit may be one at another value of the parameter: see `orbit_errors`.
         """
         return read_only(np.array([(moved / scale).max() for moved, scale in self._moved]))
 
@@ -124,8 +124,8 @@ class Branch(Viewed, SolutionCurve):
     def orbit_errors(self) -> Array:
         """The `error` of the orbit of each point, at exactly its `parameter`, (k,), read-only.
 
-        It is in the units of the states, and larger than `error` where the branch is steep: without
-        limit near a fold, where another value of the parameter is nearest.
+        It is in the units of the states, and larger than `error` where the branch is steep. Near a
+        fold, where the nearest exact orbit is at another value of the parameter, it has no limit.
 
         Raises
         ------

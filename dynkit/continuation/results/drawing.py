@@ -31,9 +31,9 @@ LINES: dict[str, Any] = {"stable": "-", "unstable": (0, (4, 2)), "inadmissible":
 _WIDTHS = {"stable": 1.0, "unstable": 0.7, "inadmissible": 0.9}
 _TYPE = 7.0
 """Size of names, in points."""
-# More bifurcations than this have smaller symbols.
+# In a figure with more bifurcations than this the symbols are smaller.
 _MANY = 100
-# Fractions of a curve's length at which its name may stand, the best first.
+# Fractions of a curve's length at which its name may be written, the best first.
 _FRACTIONS = (0.5, 0.4, 0.6, 0.25, 0.75, 0.1, 0.9)
 
 

@@ -36,7 +36,7 @@ def kinds_of(
 ) -> list[str]:
     """Return whether orbits after each node but the last are stable, unstable or inadmissible.
 
-    They are as the adjacent point that is not itself a bifurcation.
+    These properties are those of an adjacent point that is not itself a bifurcation.
 
     Parameters
     ----------
@@ -91,7 +91,7 @@ class Line:
     def marks(self) -> Iterator[tuple[Bifurcation, float, Array]]:
         """Yield bifurcations, with the parameter and the observable (n,) at them.
 
-        A branch point at an end of the branch belongs to the branch that it meets.
+        A branch point beyond an end of the branch is left out: it belongs to the other branch.
         """
         last = sum(bifurcation is None for _, bifurcation in self.nodes) - 1
         for (place, b), x, y in zip(self.nodes, self.x, self.y, strict=True):

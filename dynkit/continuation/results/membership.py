@@ -20,8 +20,9 @@ if TYPE_CHECKING:
     from dynkit.continuation.results.branch import Branch
     from dynkit.orbits.equations import ProblemSolution
 
-# Largest difference of equal values of the parameter, relative to its range; largest part of the
-# way between two nodes, or length of this way, that is none.
+# Values of the parameter that differ by less than _RESOLVED, relative to its range, are equal.
+# Nodes that are closer than _SHORT, in scaled unknowns, are equal; it is also the tolerance of the
+# position between two nodes, as a fraction of their distance.
 _RESOLVED, _SHORT = 1e-13, 1e-12
 
 
@@ -49,8 +50,9 @@ class Trail:
     def holds(self, orbit: ProblemSolution, on_planes: bool = False) -> bool:
         """Whether an orbit belongs to the branch.
 
-        All orbits of the branch at the same value of the parameter are computed, and the states are
-        compared; with `on_planes`, at the crossings of the branch's plane.
+        All orbits of the branch at the same value of the parameter are computed, and their states
+        are compared with those of the orbit. With `on_planes`, the states of the orbit are those at
+        its crossings of the branch's plane.
         """
         value = orbit.system.parameters[self._problem.names[0]]
         p = np.array([value])
@@ -88,7 +90,7 @@ class Trail:
     def _solved(self, value: float) -> Iterator[tuple[Array, tuple[float, ...]]]:
         p = np.array([value])
         for x in self._near(value):
-            # correct at exactly this value; this fails next to a fold or a branch point
+            # correct at exactly this value: Newton's method fails next to a fold or a branch point
             fixed = FixedParameters(self._problem, p)
             found = correct(fixed, x, self._problem.scale(x))
             moved = abs(found.y - x) / self._problem.scale(x)

@@ -22,14 +22,15 @@ _WITHOUT = (
 )
 _WITHOUT_ORBITS = "The result was loaded without an orbit: there are no time series."
 _SPECTRUM = "largest modulus of the spectrum"
-# Multipliers that are named.
+# Largest number of multipliers in the text of a point.
 _MULTIPLIERS = 4
 
 
 def page_of(title: str, branches: Sequence[Any], y: str | None, motions: int) -> Page:
-    """Return the page of branches: an observable, by default the first, and the motions.
+    """Return the page of branches, with time series of at most `motions` points.
 
-    Points and bifurcations are points of the page, in the order of the curve.
+    The diagram shows the observable `y`, by default the first. Points and bifurcations of branches
+    are points of the page, in the order of the curve.
     """
     known = all(branch._problem is not None for branch in branches)
     lines = [branch._line(y) if known else _spectra(branch) for branch in branches]
@@ -81,7 +82,10 @@ def page_of(title: str, branches: Sequence[Any], y: str | None, motions: int) ->
 
 
 def page_of_curve(curve: Any, motions: int) -> Page:
-    """Return the page of a curve of bifurcations in the plane of its two parameters."""
+    """Return the page of a curve of bifurcations in the plane of its two parameters.
+
+    At most `motions` points have time series.
+    """
     count, known = len(curve), curve._problem is not None
     x, y = curve.parameters.T
     looks = ("inadmissible bifurcation", "bifurcation")
@@ -144,7 +148,7 @@ def _error(branch: Any, at: int) -> float:
 
 
 def _facts(branch: Any, place: float, b: Any) -> dict[str, Any]:
-    """Return what is said of a point, or of a bifurcation, of a branch."""
+    """Return the texts shown for a point, or for a bifurcation, of a branch."""
     if b is not None:
         numbers = [] if b.multiplier is None else [b.multiplier]
         kind, admissible, error = f"{b.kind}, {KINDS[b.kind].title}", b.admissible, b.error

@@ -1,4 +1,4 @@
-"""Starts as points of the engine: most of them arrive at orbits that a sample of them has found."""
+"""Starts as points of the engine; a motion ends early at an orbit found from a sample of them."""
 
 from __future__ import annotations
 
@@ -23,8 +23,9 @@ from dynkit.labels.label import OrbitKind
 from dynkit.sweeps.basins.classification import Look, orbit_size
 from dynkit.sweeps.basins.matching import NEAR, label_at, nearest, orbits_in, size_of
 
-# Fewest starts of which a sample is simulated first, as a kernel is compiled for some seconds once.
-# A motion that has arrived is ten times as near to an orbit as motions on the same attractor are.
+# From _MANY starts on a sample is simulated first: for fewer the kernel for arrivals, which takes
+# seconds to compile, does not pay. A motion has arrived when its distance from an orbit is below
+# _ARRIVED, a tenth of the distance within which motions have the same attractor.
 _MANY, _ARRIVED = 1000, 0.1 * NEAR
 
 
@@ -45,7 +46,7 @@ class Arriving:
 
     @cached_property
     def _orbits(self) -> list[Attractor]:
-        """The states of each known orbit."""
+        """The motion on each known orbit, with all states of the orbit."""
         system, finals = self.look.system, self.known.arrays["final"]
         sizes = [orbit_size(label_at(self.known, k)) for k in range(len(finals))]
         return [
@@ -54,7 +55,7 @@ class Arriving:
         ]
 
     def __call__(self, starts: Array) -> Rows:
-        """Return the rows of some starts; those that have arrived have no final state."""
+        """Return the rows of some starts; motions at a known orbit have no final state."""
         began, look = time.perf_counter(), self.look
         arrivals = look.system.arrivals(starts, self._orbits, look.transient, _ARRIVED)
         assert arrivals is not None

@@ -32,9 +32,10 @@ OTHER_ENDS = {
 SETTLED = 1e-10
 """Largest recurrence of a settled periodic motion, relative to starts and states."""
 
-# Most states in which a labelled motion may settle.
+# Largest number of states in which a labelled motion may settle.
 _BUDGET = 20_000
-# Largest rate of decay that is distinguished from one, and relative rounding of a recurrence.
+# Largest ratio of successive recurrences that is distinguished from one, and relative rounding of a
+# recurrence.
 _SLOWEST, _ROUNDING = 0.9999, 1e-13
 
 
@@ -80,9 +81,9 @@ class Look:
         return self.system.attractor(start=motion.final, transient=_BUDGET, keep=self.keep)
 
     def states_after(self, state: Any, count: int) -> tuple[Array, Any]:
-        """Return the next states, (count, d), after a state, and the start after the last.
+        """Return the next states, (count, d), after a state, and the start after the last state.
 
-        There are fewer when the motion has no more.
+        There are fewer states when the motion ends.
         """
         motion = self.system.attractor(start=state, transient=1, keep=count)
         return self.states_of(motion), motion.final

@@ -73,8 +73,8 @@ def regions_of(
 def axis_of(starts: Array, axis: int) -> tuple[int, Array]:
     """Return the coordinate that changes along this axis only, and its values.
 
-    Of several such coordinates it is the first that ascends or descends, else the first. Without
-    such a coordinate, return -1 and the indices along the axis.
+    If several coordinates do, it is the first that ascends or descends, otherwise the first. If no
+    coordinate does, return -1 and the indices along the axis.
     """
     other = np.moveaxis(starts, axis, 0)
     found = []
@@ -88,7 +88,7 @@ def axis_of(starts: Array, axis: int) -> tuple[int, Array]:
 
 
 def name_of(coordinates: Sequence[str], coordinate: int, axis: int) -> str:
-    """Return the name of an axis with a coordinate, or with indices where that is -1."""
+    """Return the name of an axis with a coordinate, or with indices if the coordinate is -1."""
     return coordinates[coordinate] if coordinate >= 0 else f"starts, axis {axis}"
 
 

@@ -53,9 +53,10 @@ def basins(
 
     Motions without impacts are separated by the reasons of their endings.
 
-    Of 1000 or more starts of an impact oscillator, a sample as large as the square root of their
-    number is simulated first. Any other motion ends when it is within 1e-8 of a stable periodic
-    orbit of the sample, now and a period later. The distance is relative to the size of the orbit.
+    If there are 1000 or more starts of an impact oscillator, a random sample of them is simulated
+    first, with as many starts as the square root of their number. Any other motion ends when it is
+    within 1e-8 of a stable periodic orbit of the sample, now and a period later. The distance is
+    relative to the size of the orbit.
     The first start of each basin is simulated to the end, and so is every motion that does not
     arrive in this way.
 

@@ -19,19 +19,21 @@ from dynkit.sweeps.basins.classification import UNSETTLED, Look, orbit_size
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
-# Orbits are equal when a state of one is within NEAR of the other, relative to starts and states,
-# plus _ERRORS times the distances of both motions from their orbits. A motion further than _MOST
-# from its orbit is unsettled.
+# Orbits are equal when the distance of a state of one to the other is at most NEAR, relative to
+# starts and states, plus _ERRORS times the distances of both motions from their orbits. A motion
+# further than _MOST, relative, from its orbit is unsettled.
 NEAR, _ERRORS, _MOST = 1e-8, 3.0, 1e-4
 
-# States of a chaotic or quasi-periodic attractor; states of another motion to compare, and further
-# ones where these are not on the attractor: intermittent chaos is long in rare places.
+# _REFERENCE is the number of states that represent a chaotic or quasi-periodic attractor. _SAMPLE
+# states of another motion are compared with them. If these are not on the attractor, _FURTHER ones
+# are compared: intermittent chaos may stay in a rarely visited region for a long time.
 _REFERENCE, _SAMPLE, _FURTHER = 2000, 64, 1024
-# A state is on the attractor if it is not farther from the nearest state there than this neighbour
-# of that state. Of a sample from the same density an eighth is farther, on a line or in a plane.
+# A state is on the attractor if its distance from the nearest state of the attractor does not
+# exceed the distance of that state to its neighbour of this number. Of other states with the same
+# density, on a line or in a plane, an eighth is farther away.
 _NEIGHBOUR = 3
 
-# Numbers of the differences that are computed together.
+# Largest number of coordinates of differences that are computed together.
 _TOGETHER = 1 << 16
 
 
@@ -72,7 +74,7 @@ def group_starts(
 
 
 Finish: TypeAlias = Callable[["_Compared", list[Array]], list[Array]]
-"""What finishes all tasks, by some workers, with a bar or without."""
+"""Function (work, tasks) that returns the results of all tasks, perhaps by workers, with a bar."""
 
 _Group = tuple[Found, NDArray[np.intp]]
 
@@ -101,7 +103,7 @@ def orbits_in(look: Look, rows: Rows, starts: Array) -> Iterator[_Group]:
         states, rests = rows.arrays["state"], rows.arrays["rest"]
         label = label_at(rows, first)
         if label.kind not in (OrbitKind.PERIODIC, OrbitKind.STICKING):
-            left = left[1:]  # rounding has led it elsewhere: unsettled
+            left = left[1:]  # after rounding errors the motion leads elsewhere: unsettled
             continue
         start = look.system.unpack_state(rows.arrays["final"][first])
         orbit, _ = look.states_after(start, orbit_size(label))
@@ -132,12 +134,15 @@ def _distances(look: Look, reference: Array, states: Array) -> Iterator[Array]:
     size = max(1, _TOGETHER // reference.size)
     for low in range(0, len(states), size):
         gaps = look.system.difference(reference, states[low : low + size, None])
-        # a quarter of the time of NumPy's norm, which sums few numbers slowly
+        # it takes a quarter of the time of NumPy's norm, which is slow for few coordinates
         yield np.sqrt(np.einsum("ijk,ijk->ij", gaps, gaps))
 
 
 def _filled(kind: OrbitKind, look: Look, rows: Rows, finish: Finish) -> tuple[list[_Group], Rows]:
-    """Return the attractors of a kind that fills sets, and the rows updated by later motions."""
+    """Return the attractors of a kind, chaotic or quasi-periodic, and the updated rows.
+
+    A row changes if the later motion, after the states of the attractor, has another kind.
+    """
     finals, groups, ended = rows.arrays["final"], [], {}
     left = _places(rows, kind)
     while len(left):
@@ -186,10 +191,10 @@ def _median_ratios(look: Look, reference: Array, finals: Array, finish: Finish) 
 @final
 @dataclass(frozen=True, eq=False)
 class _Compared:
-    """Function from packed states (k, p) to medians over their motions, (k,).
+    """Function from packed states (k, p) to medians over the motions from them, (k,).
 
-    They are those of the distance to the nearest state of an attractor, over the spacing (n,) of
-    the attractor at that state.
+    Each median is that of ratios: the distance of a state to the nearest state of an attractor,
+    divided by the spacing (n,) of the attractor at that state.
     """
 
     look: Look
@@ -211,7 +216,7 @@ class _Compared:
         found = []
         for gaps in _distances(self.look, self.reference, states):
             near, least = gaps.argmin(axis=1), gaps.min(axis=1)
-            # zero at a state of the attractor, even where the spacing is zero
+            # the ratio is zero at a state of the attractor, even where the spacing is zero
             found.append(least / np.maximum(self.spacing[near], np.finfo(float).tiny))
         return np.concatenate(found)
 

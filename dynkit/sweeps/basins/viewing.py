@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from dynkit.dynamics.attractor import Attractor
     from dynkit.viewer.series import Series
 
-# Coordinates of a start that are named.
+# Largest number of coordinates in the description of a start.
 _COORDINATES = 8
 
 

@@ -16,7 +16,7 @@ from dynkit.plotting.regions import Region, draw_regions, shades
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-# Most labels of periodic motions with separate colours.
+# Largest number of labels of periodic motions with separate colours.
 _MOST = 11
 
 

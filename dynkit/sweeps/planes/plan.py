@@ -27,7 +27,8 @@ KIND = "map of two parameters"
 NO_MOTION, REFUSED = -1, -2
 
 OTHER_ENDS = {NO_MOTION: "no motion", REFUSED: "refused"}
-"""Outcomes of pairs without a motion, by number; refused is the pair, or the start at it."""
+"""Outcomes of pairs without a motion, by number. A pair is refused if the system refuses it, or the
+start at it."""
 
 
 @final
@@ -119,8 +120,8 @@ class Plan:
 def largest_exponent(attractor: Attractor, count: int) -> float:
     """Return the largest Lyapunov exponent per state, from `count` states after the kept ones.
 
-    In `count` / 4 states before them the disturbance turns into the growing direction. NaN where
-    the motion ends.
+    During `count` / 4 states before these the disturbance turns into the growing direction. NaN
+    where the motion ends.
     """
     states = attractor.states
     if not len(states):

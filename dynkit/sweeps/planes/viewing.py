@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 
 
 def page_of(found: Any, motions: int) -> Page:
-    """Return the page of a map of two parameters: the kinds of motion, and some motions."""
+    """Return the page of a map of two parameters: the kinds of motion, and some time series."""
     (one, first), (other, second) = found.values.items()
     cells, regions = regions_of(found.names, found.where)
     columns = len(second)
