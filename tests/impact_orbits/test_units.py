@@ -12,7 +12,6 @@ from dynkit import explore
 from dynkit.systems import (
     DryFriction,
     HardStop,
-    ImpactChain,
     ImpactDuffing,
     ImpactOscillator,
     MatrixOscillator,
@@ -127,26 +126,3 @@ def test_springs_that_are_not_linear_have_the_same_motions_in_all_units(length: 
         record.system.attractor(start=record.final).periodic_orbit() for record in (known, found)
     ]
     np.testing.assert_allclose(orbits[1].multipliers, orbits[0].multipliers, atol=1e-12)
-
-
-@pytest.mark.parametrize("origin", [1e2, 1e4, 1e6])
-def test_orbits_far_from_the_origin_keep_their_digits(origin: float) -> None:
-    # forces hold the springs at the origin: only the rounding of positions grows
-    def orbit_at(place: float) -> Any:
-        machine = ImpactChain(
-            masses=2,
-            frequency=1.5,
-            damping=0.05,
-            harmonic_forces=[1.0, 0.0],
-            constant_forces=[place, 0.0],
-            elements=[
-                HardStop(0, offset=place - 0.1, restitution=0.8),
-                SoftStop(1, offset=place + 0.3, side="below", stiffness=5.0),
-            ],
-        )
-        return machine.attractor(transient=300, impacts=30).periodic_orbit()
-
-    known, found = orbit_at(0.0), orbit_at(origin)
-    assert found.counts == known.counts
-    assert found.multipliers == pytest.approx(known.multipliers, abs=1e-13 * origin)
-    assert found.error < 1e-13 * origin**2

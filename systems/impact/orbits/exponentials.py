@@ -71,8 +71,7 @@ def carried(flow: Any, states: Array, times: Array) -> Array:
 
 def gained(flows: Any, states: Array, times: Array, measures: Array) -> Array:
     """Changes (k, D) of states after times (k,) by the imaginary changes of flows (k, D, D)."""
-    measures, d = balanced(flows, measures), flows.shape[1]
-    scaled = _scaled(flows, times, measures)
+    scaled, d = _scaled(flows, times, measures), flows.shape[1]
     some, begun = _leading(flows), states / measures
     if not len(some):
         return np.zeros(states.shape)
@@ -182,24 +181,7 @@ def changed(flows: Any, lasts: Any, measures: Array) -> Any:
 
 
 def _measured(function: Any, flows: Any, lasts: Any, measures: Array) -> Any:
-    own = balanced(flows, measures)
-    return np.asarray(function(_scaled(flows, lasts, own))) * own[:, None] / own
-
-
-def balanced(flows: Any, measures: Array) -> Array:
-    """Units (D,) in which what couples two coordinates is about as large either way.
-
-    In those of motions far from the origin velocities are small, and forces beside them large. Then
-    a series loses as many digits as these differ in.
-    """
-    from scipy.linalg import matrix_balance
-
-    # imaginary parts are changes by a tiny step: alone between two coordinates they couple nothing
-    size = (abs(flows.real) * measures / measures[:, None]).max(axis=0, initial=0.0)
-    if not np.isfinite(size).all():
-        return measures
-    own, _ = matrix_balance(size, permute=False, separate=True)[1]
-    return np.asarray(measures * own)
+    return np.asarray(function(_scaled(flows, lasts, measures))) * measures[:, None] / measures
 
 
 def _scaled(flows: Any, lasts: Any, measures: Array) -> Any:

@@ -11,7 +11,6 @@ from dynkit.core.differences import STEP
 from dynkit.core.kept import kept
 from dynkit.core.validation import Array
 from dynkit.systems.impact.orbits.exponentials import (
-    balanced,
     changed,
     exponentials,
     gained,
@@ -133,7 +132,7 @@ class LinearSolution(ShootingSolution):
         x phi_k+1(x) = phi_k(x) - 1/k!.
         """
         row = self.guards[i]
-        m, d = balanced(self.flows, self.measures), len(row)
+        m, d = self.measures, len(row)
         big = np.zeros((most + d, most + d), dtype=np.result_type(row, self.flows, self.durations))
         big[: most - 1, 1:most] = np.eye(most - 1)
         big[most:, most:] = self.flows[j] * m / m[:, None] * self.durations[j]
@@ -153,8 +152,7 @@ class LinearSolution(ShootingSolution):
 
     @property
     def norms(self) -> Array:
-        own = balanced(self.flows, self.measures)
-        scaled = abs(self.flows) * own / own[:, None]
+        scaled = abs(self.flows) * self.measures / self.measures[:, None]
         return np.asarray(scaled.sum(axis=1).max(axis=1) * abs(self.durations))
 
     # --- the motion -------------------------------------------------------------------------------
