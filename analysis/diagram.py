@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from functools import cached_property
 from itertools import groupby
 from types import MappingProxyType
 from typing import TYPE_CHECKING, ClassVar, final
@@ -13,6 +12,7 @@ import numpy as np
 
 from dynkit.analysis.annotation import LabelInterval, write_intervals
 from dynkit.core.cost import Cost
+from dynkit.core.kept import cached_property
 from dynkit.core.reprs import Facts, span, table
 from dynkit.core.validation import Array, boolean, finite_array, of_type, one_of, unmasked
 from dynkit.data.dataset import Dataset, described

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable
-from functools import cached_property, partial
+from functools import partial
 from typing import TYPE_CHECKING, Any, ClassVar, Self, final
 
 import numpy as np
@@ -17,6 +17,7 @@ from dynkit.analysis.motions import attractor_of, going_on_for
 from dynkit.analysis.regimes import RegimeChange
 from dynkit.analysis.rounding import distinct_iterates, rounding_of
 from dynkit.core.cost import Cost
+from dynkit.core.kept import cached_property
 from dynkit.core.smooth_map import SmoothMap, checked_map
 from dynkit.core.stretching import Stretching
 from dynkit.core.validation import (

@@ -7,7 +7,6 @@ import sys
 import time
 from collections.abc import Iterator, Mapping
 from copy import deepcopy
-from functools import cached_property
 from pathlib import Path
 from typing import Any, ClassVar, NamedTuple, final
 
@@ -22,6 +21,7 @@ from dynkit.analysis.running import (
     RunningSpectrum,
 )
 from dynkit.core.cost import Cost
+from dynkit.core.kept import cached_property
 from dynkit.core.validation import Array, boolean, of_type
 from dynkit.data import store as stores
 from dynkit.data.result import archive_of, read_result

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import fields
-from functools import cached_property, partial
+from functools import partial
 from typing import TYPE_CHECKING, ClassVar, Literal, final
 
 import numpy as np
@@ -14,6 +14,7 @@ from dynkit.analysis.pod_averages import Averages, KnowsAverages, averages_of, c
 from dynkit.analysis.pod_figures import draw_cumulative, draw_modes
 from dynkit.analysis.regimes import RegimeChange
 from dynkit.core.cost import Cost
+from dynkit.core.kept import cached_property
 from dynkit.core.validation import (
     Array,
     finite_array,

@@ -5,13 +5,13 @@ from __future__ import annotations
 import math
 import time
 from collections.abc import Sequence
-from functools import cached_property
 from typing import TYPE_CHECKING, Any, ClassVar, final
 
 import numpy as np
 
 from dynkit.analysis.motions import Motion, checked_index
 from dynkit.core.cost import Cost
+from dynkit.core.kept import cached_property
 from dynkit.core.validation import Array, finite_array, finite_scalar, positive_integer, read_only
 from dynkit.data.dataset import Dataset, described
 from dynkit.data.result import Saved

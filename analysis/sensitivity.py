@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import time
-from functools import cached_property
 from typing import TYPE_CHECKING, ClassVar, final
 
 import numpy as np
 
 from dynkit.analysis.motions import attractor_of, going_on_for
 from dynkit.core.cost import Cost
+from dynkit.core.kept import cached_property
 from dynkit.core.validation import Array, positive, positive_integer, read_only
 from dynkit.data.dataset import Dataset, described
 from dynkit.data.result import Saved

@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import math
 import time
-from functools import cached_property
 from typing import TYPE_CHECKING, Any, ClassVar, final
 
 import numpy as np
 
 from dynkit.analysis.motions import Motion, given_samples
 from dynkit.core.cost import Cost
+from dynkit.core.kept import cached_property
 from dynkit.core.reprs import span
 from dynkit.core.validation import Array, read_only
 from dynkit.data.dataset import Dataset, described

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 import time
-from functools import cached_property
 from typing import TYPE_CHECKING, ClassVar, NamedTuple, final
 
 import numpy as np
@@ -12,6 +11,7 @@ import numpy as np
 from dynkit.analysis.motions import Motion
 from dynkit.analysis.regimes import RegimeChange, regime_change
 from dynkit.core.cost import Cost
+from dynkit.core.kept import cached_property
 from dynkit.core.validation import (
     Array,
     finite_array,

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from functools import cached_property, partial
+from functools import partial
 from math import ceil, inf, nan
 from types import MappingProxyType
 from typing import TYPE_CHECKING, ClassVar, final, get_args
@@ -38,6 +38,7 @@ from dynkit.analysis.dimension.sums import (
 from dynkit.analysis.motions import source_of
 from dynkit.analysis.regimes import RegimeChange, regime_change
 from dynkit.core.cost import Cost
+from dynkit.core.kept import cached_property
 from dynkit.core.validation import Array, finite_scalar, one_of, positive, read_only
 from dynkit.data.dataset import Dataset, described
 from dynkit.data.result import Saved

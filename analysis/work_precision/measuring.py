@@ -7,7 +7,6 @@ import sys
 from collections.abc import Iterator, Mapping, Sequence
 from copy import copy
 from dataclasses import fields
-from functools import cached_property
 from itertools import tee
 from time import perf_counter
 from types import MappingProxyType
@@ -23,6 +22,7 @@ from dynkit.analysis.work_precision.reference import reference_impacts
 from dynkit.analysis.work_precision.standard_methods import impact_methods
 from dynkit.analysis.work_precision.tables import table_lines
 from dynkit.core.cost import Cost
+from dynkit.core.kept import cached_property
 from dynkit.core.reprs import line_of
 from dynkit.core.validation import boolean, one_of
 from dynkit.data.dataset import Dataset, described

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from functools import cached_property
 from typing import final
 
 import numpy as np
@@ -12,6 +11,7 @@ from numpy.typing import NDArray
 
 from dynkit.analysis.work_precision.exact import ExactImpacts
 from dynkit.analysis.work_precision.methods import Unsuited
+from dynkit.core.kept import cached_property
 from dynkit.core.validation import Array
 
 _NEEDED = (

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
-from functools import cached_property, partial
+from functools import partial
 from typing import final
 
 import numpy as np
@@ -16,6 +16,7 @@ from dynkit.continuation.method import ContinuationMethod
 from dynkit.continuation.orbit_equations import CurveEquations
 from dynkit.continuation.points import Point, beside, interpolated, rescaled, slope
 from dynkit.continuation.termination import Bound, Ending, Reason
+from dynkit.core.kept import cached_property
 from dynkit.core.progress import late_bar
 from dynkit.core.validation import Array
 from dynkit.orbits.newton import Direction, correct

@@ -5,7 +5,6 @@ from __future__ import annotations
 import time
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
 from typing import TYPE_CHECKING, Any, ClassVar, final
 
 import numpy as np
@@ -23,6 +22,7 @@ from dynkit.continuation.points import Point, cost_of
 from dynkit.continuation.results.solution_curve import SolutionCurve
 from dynkit.continuation.termination import Bound, Ending, Reason
 from dynkit.core.cost import Cost
+from dynkit.core.kept import cached_property
 from dynkit.core.reprs import Facts
 from dynkit.core.validation import Array, in_interval, of_type, regular_array
 from dynkit.data.dataset import Dataset

@@ -6,12 +6,12 @@ from __future__ import annotations
 
 from abc import abstractmethod
 from contextlib import suppress
-from functools import cached_property
 from typing import Any, Self, final
 
 import numpy as np
 
 from dynkit.continuation.orbit_equations import CurveEquations
+from dynkit.core.kept import cached_property
 from dynkit.core.validation import Array
 from dynkit.orbits.equations import NOISE, Problem
 from dynkit.orbits.events import Condition

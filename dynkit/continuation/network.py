@@ -7,7 +7,6 @@ import os
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from enum import Enum
-from functools import cached_property
 from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple, final
 
 import numpy as np
@@ -17,6 +16,7 @@ from dynkit.continuation.results.branch import Branch, of_bifurcations
 from dynkit.continuation.results.membership import Trail
 from dynkit.continuation.results.solution_curve import ERROR
 from dynkit.core.cost import Cost
+from dynkit.core.kept import cached_property
 from dynkit.core.reprs import Facts, span, table
 from dynkit.core.validation import Array, finite_scalar, of_type
 from dynkit.data.dataset import Dataset, Variables, described

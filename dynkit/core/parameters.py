@@ -3,11 +3,12 @@
 import dataclasses
 import inspect
 from collections.abc import Mapping
-from functools import cached_property, lru_cache
+from functools import lru_cache
 from typing import Any, ClassVar, Self, cast, final, get_origin
 
 import numpy as np
 
+from dynkit.core.kept import cached_property
 from dynkit.core.overriding import Extensible
 from dynkit.core.reprs import Shown
 from dynkit.core.user_code import code_of

@@ -20,11 +20,12 @@ import sys
 import types
 from collections.abc import Mapping, Sequence
 from enum import Enum
-from functools import cached_property
 from typing import Any, Literal, Union, get_args, get_origin, get_type_hints
 
 import numpy as np
 from numpy.typing import NDArray
+
+from dynkit.core.kept import cached_property
 
 Arrays = dict[str, NDArray[Any]]
 _KINDS = {np.float64: "f", np.complex128: "c", np.bool_: "b", np.int64: "i"}

@@ -6,12 +6,12 @@ import dataclasses
 from abc import abstractmethod
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from functools import cached_property
 from typing import TYPE_CHECKING, Any, ClassVar, Self, final
 
 import numpy as np
 
 from dynkit.core.differences import numerical_derivative, parameter_difference
+from dynkit.core.kept import cached_property
 from dynkit.core.no_motion import NoCrossing, TangentCrossing, replaced
 from dynkit.core.validation import Array, finite_array, index_in, of_type, positive, returned
 from dynkit.dynamics.flow import Basis, Crossing, Flow, every_direction

@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import time
-from functools import cached_property
 from typing import TYPE_CHECKING, ClassVar, Self, final
 
 import numpy as np
 
 from dynkit.core.cost import Cost
+from dynkit.core.kept import cached_property
 from dynkit.core.no_motion import NoMotion
 from dynkit.core.smooth_map import SmoothMap, checked_map
 from dynkit.core.stretching import product_with_error

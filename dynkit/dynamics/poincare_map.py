@@ -3,11 +3,11 @@
 import dataclasses
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from functools import cached_property
 from typing import Any, Self, final
 
 import numpy as np
 
+from dynkit.core.kept import cached_property
 from dynkit.core.no_motion import NoCrossing, Refused, TangentCrossing
 from dynkit.core.validation import (
     Array,

@@ -5,14 +5,13 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, field, replace
 from decimal import Decimal, localcontext
-from functools import cached_property
 from itertools import pairwise
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from dynkit.core.kept import copied, kept
+from dynkit.core.kept import cached_property, copied, kept
 from dynkit.core.validation import Array
 
 LARGEST = 1e60

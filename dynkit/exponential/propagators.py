@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import cache, cached_property
+from functools import cache
 from math import factorial, inf
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from dynkit.core.kept import cached_property
 from dynkit.core.validation import Array
 from dynkit.exponential.asymptotics import Responses, tail_rows
 from dynkit.exponential.modes import Pairs

@@ -6,12 +6,12 @@ import math
 import time
 from dataclasses import dataclass
 from enum import Enum
-from functools import cached_property
 from typing import Any, final
 
 import numpy as np
 
 from dynkit.core.cost import Cost
+from dynkit.core.kept import cached_property
 from dynkit.core.reprs import span
 from dynkit.core.validation import (
     Array,

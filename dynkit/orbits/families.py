@@ -6,13 +6,13 @@ import copy
 import os
 import time
 from collections.abc import Mapping, Sequence
-from functools import cached_property
 from pathlib import Path
 from typing import Any, ClassVar, Self
 
 import numpy as np
 
 from dynkit.core.cost import Cost
+from dynkit.core.kept import cached_property
 from dynkit.core.no_motion import Refused, replaced
 from dynkit.core.parameters import Family
 from dynkit.core.reprs import Facts, largest, system_repr, written

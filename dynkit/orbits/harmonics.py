@@ -6,13 +6,13 @@ import math
 import time
 from collections.abc import Callable
 from dataclasses import dataclass
-from functools import cached_property
 from typing import ClassVar, final
 
 import numpy as np
 from numpy.typing import NDArray
 
 from dynkit.core.cost import Cost
+from dynkit.core.kept import cached_property
 from dynkit.core.validation import Array, finite_array, finite_scalar, positive
 from dynkit.data.dataset import Dataset, described
 from dynkit.data.result import Saved

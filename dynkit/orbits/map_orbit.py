@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from functools import cached_property
 from typing import Any, Protocol, final
 
 import numpy as np
 
+from dynkit.core.kept import cached_property
 from dynkit.core.reprs import system_repr
 from dynkit.core.smooth_map import SmoothMap
 from dynkit.core.validation import Array, finite_array, one_of, read_only

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from functools import cached_property, partial
+from functools import partial
 from typing import Any, ClassVar, Self, final
 
 import numpy as np
 
 from dynkit.core.cost import Cost
+from dynkit.core.kept import cached_property
 from dynkit.core.no_motion import NoMotion
 from dynkit.core.smooth_map import SmoothMap, proper_divisors
 from dynkit.core.stretching import product_with_error

@@ -6,11 +6,11 @@ from __future__ import annotations
 
 from abc import abstractmethod
 from collections.abc import Callable, Sequence
-from functools import cached_property
 from typing import Any, Self, final
 
 import numpy as np
 
+from dynkit.core.kept import cached_property
 from dynkit.core.reprs import Facts, largest, system_repr, written
 from dynkit.core.smooth_map import SmoothMap
 from dynkit.core.validation import Array, read_only

@@ -2,13 +2,13 @@
 
 import json
 from dataclasses import dataclass, field
-from functools import cached_property
 from typing import TYPE_CHECKING, ClassVar, final
 
 import numpy as np
 from numpy.typing import NDArray
 
 from dynkit.core.cost import Cost
+from dynkit.core.kept import cached_property
 from dynkit.core.reprs import Facts, line_of
 from dynkit.core.validation import Array, index_in, one_of, read_only
 from dynkit.data.dataset import Dataset, described, known_error

@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import cached_property, lru_cache
+from functools import lru_cache
 from typing import TYPE_CHECKING, Any, final
 
 import numpy as np
 
+from dynkit.core.kept import cached_property
 from dynkit.core.validation import Array
 from dynkit.systems.structure.energies import symbols
 from dynkit.systems.structure.equations import checked, form_of

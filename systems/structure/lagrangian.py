@@ -5,12 +5,12 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections import OrderedDict
 from collections.abc import Hashable
-from functools import cached_property
 from threading import RLock
 from typing import TYPE_CHECKING, Any, ClassVar, TypeVar, cast, final
 
 import numpy as np
 
+from dynkit.core.kept import cached_property
 from dynkit.core.overriding import Extensible, used_of, watching
 from dynkit.core.parameters import cached_in, without_cached
 from dynkit.core.reprs import Facts, Shown

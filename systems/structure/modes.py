@@ -3,7 +3,6 @@
 import time
 from dataclasses import dataclass, fields
 from fractions import Fraction
-from functools import cached_property
 from threading import RLock
 from typing import Any, ClassVar, final
 
@@ -11,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dynkit.core.cost import Cost
+from dynkit.core.kept import cached_property
 from dynkit.core.reprs import span
 from dynkit.core.validation import Array, finite_array
 from dynkit.data.dataset import Dataset, described

@@ -3,13 +3,13 @@
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from fractions import Fraction
-from functools import cached_property
 from itertools import product as pairs
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
+from dynkit.core.kept import cached_property
 from dynkit.core.validation import Array
 from dynkit.systems.structure.double_double import (
     DoubleDouble,

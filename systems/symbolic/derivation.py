@@ -6,9 +6,10 @@ import dataclasses
 import inspect
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
-from functools import cache, cached_property
+from functools import cache
 from typing import TYPE_CHECKING, Any, TypeAlias, final
 
+from dynkit.core.kept import cached_property
 from dynkit.core.overriding import watching
 from dynkit.core.parameters import Family, arguments, cached_in
 from dynkit.core.validation import finite_scalar

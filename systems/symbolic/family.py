@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from functools import cache, cached_property
+from functools import cache
 from typing import TYPE_CHECKING, Any, final
 
 import numpy as np
 
+from dynkit.core.kept import cached_property
 from dynkit.core.parameters import Family, without_cached
 from dynkit.core.user_code import reading_of
 from dynkit.core.validation import Array, finite_array

@@ -5,12 +5,13 @@ from __future__ import annotations
 import inspect
 import math
 from collections.abc import Callable, Iterable
-from functools import cache, cached_property, partial, wraps
+from functools import cache, partial, wraps
 from typing import TYPE_CHECKING, Any, final
 
 import numpy as np
 
 from dynkit.core.frames import stretched
+from dynkit.core.kept import cached_property
 from dynkit.core.no_motion import CannotFollow, NoCrossing
 from dynkit.core.stretching import Stretching
 from dynkit.core.validation import (

@@ -4,11 +4,12 @@ from __future__ import annotations
 
 from abc import abstractmethod
 from collections.abc import Mapping, Sequence
-from functools import cache, cached_property
+from functools import cache
 from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
 
+from dynkit.core.kept import cached_property
 from dynkit.core.smooth_map import generic_direction, refuse_infinite
 from dynkit.core.stretching import Stretching
 from dynkit.core.validation import Array, finite_array, non_negative_integer

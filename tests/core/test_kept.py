@@ -1,13 +1,18 @@
 """Results that methods and properties keep with their objects."""
 
+import re
 from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
 from threading import Barrier
 from typing import Any
 
 import numpy as np
 
+import dynkit
 from dynkit.core.kept import cached_property, kept
 from dynkit.core.parameters import cached_in, without_cached
+
+FUNCTOOLS = r"functools(\.| import .*\b)cached_property"
 
 
 class Asked:
@@ -74,3 +79,11 @@ def test_threads_that_compute_a_cached_property_of_one_object_get_the_same_resul
     owner = Meeting(Barrier(2))
     one, other = found_by_two(owner, owner)
     assert one is other is owner.value
+
+
+def test_no_module_has_the_property_whose_lock_all_objects_share() -> None:
+    parts = [Path(dynkit.__file__).parent / name for name in ("", "systems", "analysis")]
+    modules = {path.resolve() for part in parts for path in part.rglob("*.py")}
+    shared = [path.name for path in modules if re.search(FUNCTOOLS, path.read_text("utf-8"))]
+    assert len(modules) > 300
+    assert shared == ["kept.py"]

@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
-from functools import cached_property
 from typing import Any, TypeVar, final
 
 import numpy as np
@@ -15,6 +14,7 @@ from dynkit.continuation.bifurcations.criticality import Criticality, criticalit
 from dynkit.continuation.bifurcations.kinds import KINDS
 from dynkit.continuation.bifurcations.switching import Place
 from dynkit.core.cost import Cost
+from dynkit.core.kept import cached_property
 from dynkit.core.reprs import Facts, Tabled, largest, table, written
 from dynkit.core.validation import Array
 from dynkit.orbits.equations import Problem

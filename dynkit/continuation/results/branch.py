@@ -5,7 +5,6 @@ from __future__ import annotations
 import dataclasses
 from collections.abc import Sequence
 from dataclasses import dataclass, field
-from functools import cached_property
 from typing import TYPE_CHECKING, Any, ClassVar, final
 
 import numpy as np
@@ -17,6 +16,7 @@ from dynkit.continuation.results.lines import Line, kinds_of, nodes_of
 from dynkit.continuation.results.solution_curve import SolutionCurve
 from dynkit.continuation.termination import Ending
 from dynkit.core.cost import Cost
+from dynkit.core.kept import cached_property
 from dynkit.core.reprs import Facts, system_repr
 from dynkit.core.validation import Array, one_of, read_only
 from dynkit.data.dataset import Dataset, Variables

@@ -7,12 +7,12 @@ import time
 from collections.abc import Callable, Mapping
 from concurrent.futures import Executor
 from dataclasses import dataclass, field
-from functools import cached_property
 from typing import final
 
 import numpy as np
 
 from dynkit.core.cost import Cost
+from dynkit.core.kept import cached_property
 from dynkit.core.validation import Array
 from dynkit.data.store import identity_of, kind_of
 from dynkit.dynamics.attractor import Attractor

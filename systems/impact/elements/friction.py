@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 from dataclasses import KW_ONLY, dataclass, replace
-from functools import cached_property
 from typing import final
 
+from dynkit.core.kept import cached_property
 from dynkit.core.validation import check_fields, finite_scalar, non_negative
 from dynkit.systems.impact.elements.element import HALT, JUMP, Element, Regime, Watch
 

@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 from dataclasses import KW_ONLY, dataclass
-from functools import cached_property
 from typing import Any, final
 
 import numpy as np
 
+from dynkit.core.kept import cached_property
 from dynkit.core.validation import (
     check_fields,
     finite_scalar,

@@ -7,11 +7,11 @@ from abc import ABC, abstractmethod
 from bisect import bisect_right
 from collections.abc import Mapping
 from dataclasses import dataclass
-from functools import cached_property
 from typing import TYPE_CHECKING, Any, ClassVar, TypeAlias, final
 
 import numpy as np
 
+from dynkit.core.kept import cached_property
 from dynkit.core.overriding import Extensible
 from dynkit.core.validation import Array, check_fields, finite_scalar, in_interval, non_negative
 

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 from dataclasses import KW_ONLY, dataclass
-from functools import cached_property
 from typing import final
 
+from dynkit.core.kept import cached_property
 from dynkit.core.validation import check_fields, non_negative
 from dynkit.systems.impact.elements.element import IMPACT, RELEASED, REST, Element, Regime, Watch
 from dynkit.systems.impact.elements.laws import Restitution, checked_restitution

@@ -5,12 +5,13 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from dataclasses import dataclass
 from fractions import Fraction
-from functools import cache, cached_property
+from functools import cache
 from typing import Any, final
 
 import numpy as np
 from numpy.typing import NDArray
 
+from dynkit.core.kept import cached_property
 from dynkit.core.validation import Array
 from dynkit.exponential.modes import Pairs
 from dynkit.systems.impact.modes.schur_forms.block_schur import Blocks, real_blocks

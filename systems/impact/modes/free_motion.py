@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from functools import cached_property
 from typing import final
 from weakref import WeakKeyDictionary
 
 import numpy as np
 from numpy.typing import NDArray
 
+from dynkit.core.kept import cached_property
 from dynkit.core.validation import Array
 from dynkit.systems.impact.modes.constrained import mode_of
 from dynkit.systems.impact.modes.mode import Mode

@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 import math
-from functools import cached_property
 from typing import Any, final
 
 import numpy as np
 from numpy.typing import NDArray
 
-from dynkit.core.kept import copied, kept
+from dynkit.core.kept import cached_property, copied, kept
 from dynkit.core.validation import Array
 from dynkit.exponential.modes import Pairs
 from dynkit.exponential.propagators import cells_of_a_call, ladder, workspace

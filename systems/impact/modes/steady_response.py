@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import cached_property
 from typing import Any, Literal, final
 
 import numpy as np
 from numpy.typing import NDArray
 
-from dynkit.core.kept import copied
+from dynkit.core.kept import cached_property, copied
 from dynkit.core.validation import Array
 from dynkit.exponential.modes import Pairs
 from dynkit.exponential.propagators import Propagators, padded

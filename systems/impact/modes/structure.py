@@ -5,14 +5,13 @@ from __future__ import annotations
 import copy
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
 from typing import Any, Literal, final
 from weakref import WeakKeyDictionary
 
 import numpy as np
 from numpy.typing import NDArray
 
-from dynkit.core.kept import kept
+from dynkit.core.kept import cached_property, kept
 from dynkit.core.validation import Array
 from dynkit.systems.impact.elements.element import Element, Regime
 from dynkit.systems.impact.modes.bases import Basis, basis_of, row_by_row

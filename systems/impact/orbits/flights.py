@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from functools import cached_property
 from typing import final
 
 import numpy as np
 
+from dynkit.core.kept import cached_property
 from dynkit.core.validation import Array
 
 

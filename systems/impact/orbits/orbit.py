@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from functools import cached_property
 from typing import TYPE_CHECKING, Any, Protocol, final
 
 import numpy as np
 
+from dynkit.core.kept import cached_property
 from dynkit.core.reprs import Facts, system_repr
 from dynkit.core.validation import Array, finite_array, one_of, read_only
 from dynkit.orbits.equations import KeptSolution

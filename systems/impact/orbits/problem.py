@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from functools import cached_property, partial
+from functools import partial
 from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple, Self, final
 
 import numpy as np
 
+from dynkit.core.kept import cached_property
 from dynkit.core.no_motion import Refused, replaced
 from dynkit.core.validation import Array
 from dynkit.orbits.events import Event, WatchedProblem

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, field
-from functools import cached_property
 from typing import TYPE_CHECKING, final
 
 import numpy as np
 
+from dynkit.core.kept import cached_property
 from dynkit.core.validation import (
     Array,
     check_fields,

@@ -13,13 +13,13 @@ import copy
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import replace
-from functools import cache, cached_property, lru_cache, wraps
+from functools import cache, lru_cache, wraps
 from threading import RLock, local
 from typing import Any, final
 
 import numpy as np
 
-from dynkit.core.kept import kept
+from dynkit.core.kept import cached_property, kept
 from dynkit.core.no_motion import CannotFollow, Diverged
 from dynkit.core.validation import Array
 from dynkit.systems.impact.modes.taylor.equations import Plan, system_of

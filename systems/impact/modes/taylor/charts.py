@@ -3,12 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from functools import cached_property
 from typing import Any, final
 
 import numpy as np
 
-from dynkit.core.kept import kept
+from dynkit.core.kept import cached_property, kept
 from dynkit.core.validation import Array
 from dynkit.systems.impact.elements.element import Regime, Watch
 from dynkit.systems.impact.elements.stops import HardStop

@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from functools import cached_property
 from typing import Any, NamedTuple, final
 
 import numpy as np
 
 from dynkit.core.differences import STEP
+from dynkit.core.kept import cached_property
 from dynkit.core.validation import Array
 from dynkit.systems.impact.elements.element import Element, Regime, Watch
 from dynkit.systems.impact.elements.stops import HardStop

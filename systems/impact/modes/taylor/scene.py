@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from functools import cached_property
 from typing import TYPE_CHECKING, Any, final
 
 import numpy as np
 
+from dynkit.core.kept import cached_property
 from dynkit.core.validation import Array
 from dynkit.systems.impact.elements.element import Element
 from dynkit.systems.impact.elements.stops import HardStop

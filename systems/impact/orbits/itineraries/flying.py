@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
-from functools import cached_property
 from typing import TYPE_CHECKING, Any, final
 
 import numpy as np
 
 from dynkit.core.differences import STEP
+from dynkit.core.kept import cached_property
 from dynkit.core.no_motion import CannotFollow, Diverged
 from dynkit.core.validation import Array
 from dynkit.orbits.newton import NoSolution

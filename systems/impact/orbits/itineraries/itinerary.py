@@ -6,12 +6,12 @@ import math
 from bisect import bisect_right
 from collections.abc import Callable, Sequence
 from dataclasses import replace
-from functools import cache, cached_property
+from functools import cache
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from dynkit.core.kept import kept
+from dynkit.core.kept import cached_property, kept
 from dynkit.core.validation import Array
 from dynkit.orbits.newton import NoConvergence
 from dynkit.systems.impact.elements.element import HALT, JUMP, EventKind

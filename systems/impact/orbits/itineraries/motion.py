@@ -3,12 +3,11 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from functools import cached_property
 from typing import Any, ClassVar, NamedTuple, final
 
 import numpy as np
 
-from dynkit.core.kept import kept
+from dynkit.core.kept import cached_property, kept
 from dynkit.core.validation import Array, read_only
 from dynkit.systems.impact.modes.progression import Progression
 from dynkit.systems.impact.orbits.flights import Curve

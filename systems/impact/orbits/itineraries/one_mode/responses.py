@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from functools import cached_property
 from typing import TYPE_CHECKING, Any, NamedTuple, final
 from weakref import WeakKeyDictionary
 
@@ -11,6 +10,7 @@ import numpy as np
 from scipy.linalg import expm
 
 from dynkit.core.differences import STEP
+from dynkit.core.kept import cached_property
 from dynkit.core.validation import Array
 from dynkit.systems.impact.modes.free_motion import FreeMotion, free_motion
 from dynkit.systems.impact.modes.mode import Transitions

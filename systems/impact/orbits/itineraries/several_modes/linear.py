@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-from functools import cached_property
 from typing import Any, final
 
 import numpy as np
 
 from dynkit.core.differences import STEP
-from dynkit.core.kept import kept
+from dynkit.core.kept import cached_property, kept
 from dynkit.core.validation import Array
 from dynkit.systems.impact.orbits.exponentials import (
     changed,

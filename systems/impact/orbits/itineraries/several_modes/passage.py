@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 from abc import abstractmethod
-from functools import cached_property
 from typing import Any, NamedTuple, Self
 
 import numpy as np
 
 from dynkit.core.differences import STEP
+from dynkit.core.kept import cached_property
 from dynkit.core.validation import Array
 from dynkit.exponential.propagators import padded
 from dynkit.orbits.newton import NoSolution

@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from functools import cached_property
 from typing import Any
 
 import numpy as np
 
+from dynkit.core.kept import cached_property
 from dynkit.core.validation import Array
 from dynkit.systems.impact.orbits.itineraries.several_modes import divided
 from dynkit.systems.impact.orbits.itineraries.several_modes.passage import ROUNDING, Passage

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from functools import cached_property
 from typing import TYPE_CHECKING, Any, final
 
 import numpy as np
@@ -10,6 +9,7 @@ from numpy.polynomial import chebyshev, polynomial
 from scipy.special import factorial
 
 from dynkit.core.differences import STEP
+from dynkit.core.kept import cached_property
 from dynkit.core.validation import Array
 from dynkit.orbits.newton import NoSolution
 from dynkit.systems.impact.orbits.flights import Curve
