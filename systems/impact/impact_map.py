@@ -216,7 +216,7 @@ class ImpactMap(DrivenStructure, Map):
         Parameters
         ----------
         position : (N,) array_like
-            Positions. The default is the shape of the first mode with modal amplitude one, with the
+            Positions; by default the shape of the first mode with modal amplitude one, with the
             contact coordinate on its side of zero (the start of Cusumano & Bai). That position may
             be beyond a stop, or on a stop that moves towards it. Then the contact coordinate starts
             at a distance of one from the stop, or half-way between two stops. If the first mode has

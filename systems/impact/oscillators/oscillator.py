@@ -56,7 +56,7 @@ class ImpactOscillator(ImpactMap):
     frequency : float
         Angular frequency of the table and of the forces, positive.
     restitution : float or ImpactLaw
-        Coefficient of restitution in [0, 1], or its law as a function of the approach velocity.
+        Coefficient of restitution in [0, 1]. It may be a law, a function of the approach velocity.
     amplitude : float
         Amplitude of the table, not negative. A stop at rest has amplitude 0.
     offset : float
@@ -74,7 +74,7 @@ class ImpactOscillator(ImpactMap):
         g, forces on the coordinates, such as weights.
     chatter_tolerance : float
         Contact replaces the last bounces of a chatter if this changes no position or velocity by
-        more than the tolerance, to leading order. With 0 no bounces are replaced. During the
+        more than the tolerance, to leading order; with 0 none are replaced. During the
         omitted bounces the error of the position of the contact mass is at most a thousand times
         the tolerance. The record's ``chatter_error`` is the sum of these changes.
     elements : sequence of Element, optional
