@@ -371,6 +371,10 @@ CASES: list[tuple[Callable[[], Any], str]] = [
         lambda: MatrixOscillator(M=np.eye(2), C=np.eye(2), K=[[1, 0.1], [0.2, 1]], frequency=1),
         "got 0.1 at [0, 1] and 0.2 across; (K + K.T) / 2 is symmetric",
     ),
+    (
+        lambda: chain().simulate(impacts=2).observable(np.array(["phase", "time"])),
+        "name must be one of: relative_velocity, phase, energy, time",
+    ),
 ]
 
 

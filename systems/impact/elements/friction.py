@@ -100,11 +100,12 @@ class DryFriction(Element):
             raise ValueError(f"either force or coefficient must be given; got {found}")
         kinetic = "force" if self.coefficient is None else "coefficient"
         check_fields(self, **{kinetic: non_negative})
-        if type(self.normal) is not str or bool(self.normal) is (self.coefficient is None):
+        if not isinstance(self.normal, str) or bool(self.normal) is (self.coefficient is None):
             need = "be given with a coefficient only"
             if self.coefficient is not None:
                 need = "be the name of the hard stop that the coefficient belongs to"
             raise ValueError(f"normal must {need}; got {self.normal!r}")
+        self._set("normal", str(self.normal))
         check_fields(self, velocity=finite_scalar, slope=finite_scalar)
         if self.static is not None:
             check_fields(self, static=finite_scalar)
