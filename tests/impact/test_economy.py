@@ -427,10 +427,10 @@ class Weighted(ImpactChain):
 
 def test_structures_are_taken_over_where_numbers_and_own_objects_are_the_same() -> None:
     weights, elements = (np.ones(2), np.ones(2)), (HardStop(1), SoftStop(0, stiffness=2.0))
-    plain = Weighted(masses=[1.0, 2.0], frequency=0.9, weights=weights)
+    plain = Weighted(masses=(1.0, 2.0), frequency=0.9, weights=weights)
     for system in (plain, plain.replace(elements=elements)):
-        assert system._structure
-        for same in ({"frequency": 0.8}, {"masses": [1.0, 2.0], "weights": weights}):
+        assert system._structure is system._structure
+        for same in ({"frequency": 0.8}, {"masses": (1.0, 2.0), "weights": weights}):
             assert "_structure" in vars(system.replace(**same))
         for other in ((np.ones(2), np.ones(2)), (1.0, np.ones(2)), (1.0, 1.0)):
             assert "_structure" not in vars(system.replace(weights=other))

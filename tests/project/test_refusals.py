@@ -64,6 +64,7 @@ from dynkit.systems import (
 
 BRIEF: dict[str, Any] = {"transient": 5, "keep": 5, "progress": False}
 ANY: Any = None
+PAIR: Any = np.array(["phase", "time"])
 
 
 def chain(**options: Any) -> ImpactChain:
@@ -372,7 +373,7 @@ CASES: list[tuple[Callable[[], Any], str]] = [
         "got 0.1 at [0, 1] and 0.2 across; (K + K.T) / 2 is symmetric",
     ),
     (
-        lambda: chain().simulate(impacts=2).observable(np.array(["phase", "time"])),
+        lambda: chain().simulate(impacts=2).observable(PAIR),
         "name must be one of: relative_velocity, phase, energy, time",
     ),
 ]
