@@ -55,15 +55,13 @@ def padded(count: int) -> int:
 
 def rung_sizes(pairs: Pairs) -> tuple[float, int]:
     """Return the smallest step (a power of two with abs(lambda) h <= REACH) and number of rungs."""
-    from dynkit.exponential.evaluation_kernels import REACH
-
     fast, slow = (part.tolist() for part in pairs.rates)
     fastest = max(SLOWEST, *fast) if any(fast) else 1.0
     slowest = min([fastest, *(rate for rate in slow if rate > 0.0)])
     if pairs.grows:
         # a rigid body may move for a long time without an event: long cells are needed
         slowest = min(slowest, 1e-9 * fastest)
-    smallest = 2.0 ** np.floor(np.log2(REACH / fastest))
+    smallest = 2.0 ** np.floor(np.log2(_kernels()[1].REACH / fastest))
     rungs = int(np.ceil(np.log2(8.0 * np.pi / smallest) - np.log2(slowest))) + 1
     if pairs.steadily < inf:  # bounds hold for the longest step
         rungs = min(rungs, int(np.log2(max(pairs.steadily / smallest, 1.0))) + 1)
@@ -124,13 +122,11 @@ class Propagators:
     @cached_property
     def ladder(self) -> Any:
         """Ladder of a sum without terms, for propagation only."""
-        from dynkit.exponential.evaluation_kernels import SEPARATE, Ladder
-
-        slots = self.step.shape[2]
-        return Ladder(
+        kernels, slots = _kernels()[1], self.step.shape[2]
+        return kernels.Ladder(
             self.step,
             np.zeros((0, 10, slots)),
-            np.zeros((SEPARATE + 1, slots)),
+            np.zeros((kernels.SEPARATE + 1, slots)),
             self.generator,
             self.links,
             self.link_step,
@@ -163,8 +159,6 @@ def _links(
     """Return all direct and indirect links between slots, (L, 2), and their `link_step`."""
     if not pairs.links.size:
         return np.empty((0, 2), dtype=np.intp), np.empty((2 + rungs, 0, 4))
-    from dynkit.exponential.double_double_kernels import fill_coupled_steps
-
     slots = np.unique(pairs.links)
     m = slots.size
     parts = []
@@ -177,7 +171,7 @@ def _links(
     for t, s, b in zip(target, source, pairs.coupling.T.reshape(-1, 2, 2), strict=True):
         direct[t, :, s] += b
     step = np.empty((rungs, 2 * m, 2 * m))
-    fill_coupled_steps(
+    _kernels()[0].fill_coupled_steps(
         direct.reshape(2 * m, 2 * m),
         parts[1].reshape(2 * m, 2 * m),
         smallest,
@@ -306,19 +300,18 @@ def _joint(
     row: Array, slow: NDArray[np.bool_], propagators: Propagators, steady: int
 ) -> dict[str, Any]:
     """Return the fields of a ladder for a row of pairs that drive one another, or grow."""
-    from dynkit.exponential.evaluation_kernels import DEGREE
-
-    pairs, step, rungs = propagators.pairs, propagators.step, propagators.rungs
+    degree, pairs = _kernels()[1].DEGREE, propagators.pairs
+    step, rungs = propagators.step, propagators.rungs
     seen = padded(row.shape[1])
     full = _pad(row, pairs.count)
     h = np.asarray(propagators.smallest * 2.0 ** np.arange(rungs), dtype=np.float64)
     window = float(h[-1]) if pairs.grows else inf
     with np.errstate(over="ignore", invalid="ignore"):
-        derivatives = pairs.derivatives(full, DEGREE + 2)
+        derivatives = pairs.derivatives(full, degree + 2)
         size, first, second, fourth, sixth, last = pairs.bounds(
-            derivatives[[0, 1, 2, 4, 6, DEGREE + 1]], window
+            derivatives[[0, 1, 2, 4, 6, degree + 1]], window
         )
-        last /= factorial(DEGREE + 1)
+        last /= factorial(degree + 1)
         each = np.stack([size, first, second, sixth])[:, None]
         if pairs.grows:
             each = pairs.bounds(derivatives[[0, 1, 2, 6]], h).swapaxes(0, 1)
@@ -352,21 +345,13 @@ def _joint(
 
 def workspace(slots: int) -> Any:
     """Return the buffers of a search."""
-    from dynkit.exponential.evaluation_kernels import (
-        CODES,
-        DEGREE,
-        LEVELS,
-        PLACES,
-        STATES,
-        Workspace,
-    )
-
-    return Workspace(
-        np.zeros((STATES, 2, slots)),
-        np.zeros(DEGREE + 1),
-        np.zeros(PLACES, dtype=np.int64),
-        np.zeros(LEVELS),
-        np.zeros(CODES, dtype=np.int64),
+    kernels = _kernels()[1]
+    return kernels.Workspace(
+        np.zeros((kernels.STATES, 2, slots)),
+        np.zeros(kernels.DEGREE + 1),
+        np.zeros(kernels.PLACES, dtype=np.int64),
+        np.zeros(kernels.LEVELS),
+        np.zeros(kernels.CODES, dtype=np.int64),
     )
 
 

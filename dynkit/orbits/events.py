@@ -116,8 +116,9 @@ class WatchedProblem(Problem):
     ) -> list[tuple[Problem, Array, Array]]:
         """Return guesses of orbits of other kinds that meet this one at a zero of an event.
 
-        Each is a problem with the same free parameters, unknowns and parameters. By default there
-        are none.
+        Each is a problem with the same free parameters, unknowns and parameters. Guesses with the
+        same problem object are of one branch: they are tried until one of them converges. By
+        default there are none.
         """
         return []
 

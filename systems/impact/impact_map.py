@@ -8,6 +8,7 @@ from abc import abstractmethod
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cache
+from operator import is_
 from typing import TYPE_CHECKING, Any, ClassVar, Self, final
 
 import numpy as np
@@ -64,6 +65,17 @@ _OF_ALL = (*_OF_STRUCTURE, "_stops", "_contacts", "_contact")
 """Attributes that oscillators with the same structure share; and with the same table, too."""
 
 _FORCES, _ALONG = ("harmonic_forces", "constant_forces"), ("contact", "side", "play")
+
+
+def _alike(one: Any, other: Any) -> bool:
+    """Whether two values are one object, or tuples of equal numbers or of the same objects.
+
+    A class that checks its arguments makes a new tuple each time.
+    """
+    if type(one) is not tuple or type(other) is not tuple or len(one) != len(other):
+        return one is other
+    numbers = {*map(type, one + other)} <= {float, complex}
+    return one == other if numbers else all(map(is_, one, other))
 
 
 @cache
@@ -150,9 +162,7 @@ class ImpactMap(DrivenStructure, Map):
     def _take(self, other: ImpactMap) -> None:
         """Share computed attributes with another oscillator, as far as their arguments agree."""
         own, known = vars(self), vars(other)
-        # what a class checks is a new tuple each time
-        same = {k for k, a in own.items() if type(a) is tuple and a == known.get(k)}
-        changed = {k for k, a in own.items() if a is not known.get(k)} - same
+        changed = {k for k, a in own.items() if not _alike(a, known.get(k))}
         if changed <= independent(type(self)) - {"elements"}:
             names = _OF_STRUCTURE if changed.intersection(OF_TABLE) else _OF_ALL
             own.update({name: known[name] for name in names if name in known})

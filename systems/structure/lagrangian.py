@@ -146,12 +146,10 @@ class LagrangianStructure(Extensible, Shown, ABC):
     def _derivation(self) -> Derivation:
         return shared_derivation(self)
 
-    def _has_energies_of(self, kind: type[LagrangianStructure]) -> bool:
-        """Whether the energies are those of a base class, without overriding."""
-        return all(
-            getattr(type(self), name) is getattr(kind, name)
-            for name in ("kinetic", "potential", "dissipation")
-        )
+    def _has_energies(self, *own: object) -> bool:
+        """Whether kinetic, potential and dissipation are given functions, not others in place."""
+        kind = type(self)
+        return (kind.kinetic, kind.potential, kind.dissipation) == own
 
     def _matrices(self) -> tuple[SymmetricMatrix, ...]:
         """M, C and K: second derivatives of the energies, each element rounded once."""

@@ -164,6 +164,8 @@ class Modes(Saved):
 
 
 _lock, _last = RLock(), dict[tuple[bytes, ...], Eigenpairs]()
+_LARGEST_KEPT = 200
+"""Largest size of matrices whose eigenpairs are kept: they and their key take 80 n^2 bytes."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -266,6 +268,8 @@ def _modes_of(given: Derivation) -> Modes:
 
 def _solved(stiffness: SymmetricMatrix, mass: SymmetricMatrix) -> Eigenpairs:
     """Eigenpairs of scaled K and M; the last ones are kept, as where the damping alone changes."""
+    if mass.size > _LARGEST_KEPT:
+        return refine(stiffness.scaled(-stiffness.exponent), mass.scaled(-mass.exponent))
     key = tuple(a.tobytes() for m in (stiffness, mass) for a in (m.rows, m.columns, m.high, m.low))
     if key not in _last:
         _last.clear()

@@ -152,9 +152,10 @@ class Taylor:
         """Largest coordinate of a start; of one at zero, that a step later."""
         if state.any():
             return float(abs(state).max())
-        integrator = self._at(None, parameters, state, 0.0)
-        integrator.step()
-        return float(abs(integrator.state).max())
+        with self._lock:
+            integrator = self._at(None, parameters, state, 0.0)
+            integrator.step()
+            return float(abs(integrator.state).max())
 
     def _at(self, kind: int | None, parameters: Array, state: Array, size: float) -> Any:
         """Return an integrator, set to a state, with the tolerance for a motion of some size.

@@ -2,14 +2,18 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 import pytest
 
 from dynkit.continuation.bifurcations.bifurcation import Bifurcation
 from dynkit.continuation.continuing import continue_orbit
 from dynkit.continuation.results.branch import Branch
-from dynkit.orbits.newton import NoConvergence
+from dynkit.core.validation import Array
+from dynkit.orbits.newton import NoConvergence, NoSolution
 from dynkit.orbits.periodic_orbit import periodic_orbit
+from tests.continuation.families import CycleProblem
 from tests.continuation.starts import delayed_logistic, flat, henon, logistic
 from tests.example_systems import ShiftedLogistic
 
@@ -111,3 +115,30 @@ def test_a_grazing_offers_what_its_problem_knows() -> None:
     (orbit,) = grazing.switch()
     # the small family offers the mirror image of the orbit that grazes, at the opposite parameter
     assert abs(orbit.unknowns[0] + 1.05) < 1e-14
+
+
+def grazing() -> Bifurcation:
+    start = flat("cusp", 1.2, 1.2**3 - 1.2, 1.0, border=1.05)
+    return at(continue_orbit(start, "p", bounds=(-1.0, 1.0)), "GR")
+
+
+def test_a_branch_with_several_guesses_is_returned_once(monkeypatch: pytest.MonkeyPatch) -> None:
+    def guesses(problem: CycleProblem, event: int, x: Array, p: Array) -> list[Any]:
+        aside = 1e-6 * abs(p)
+        return [(problem, np.full(1, np.nan), p), (problem, x, p + aside), (problem, x, p - aside)]
+
+    found = grazing()
+    monkeypatch.setattr(CycleProblem, "neighbours", guesses)
+    (orbit,) = found.switch()
+    assert orbit.system.parameters["p"] == found.value * (1.0 + 1e-6)
+
+
+def test_a_neighbour_whose_equations_are_not_defined_is_skipped(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    def undefined(*_: object) -> None:
+        raise NoSolution("there is no next state")
+
+    found = grazing()
+    monkeypatch.setattr(CycleProblem, "neighbours", undefined)
+    assert found.switch() == []

@@ -626,3 +626,26 @@ def test_motions_from_zero_have_the_digits_of_what_they_become(load: float) -> N
     assert found == pytest.approx(
         load * np.array([1.0 - np.cos(3.0), np.sin(3.0)]), rel=1e-13, abs=0.0
     )
+
+
+def test_steps_from_zero_set_the_shared_integrator_under_the_lock_alone(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    method, held, entered = Loaded()._taylor, [], [0]
+
+    class Lock:
+        def __enter__(self) -> None:
+            entered[0] += 1
+
+        def __exit__(self, *_: object) -> None:
+            entered[0] -= 1
+
+    def watched(*given: Any, plain: Any = method._at) -> Any:
+        held.append(entered[0])
+        return plain(*given)
+
+    monkeypatch.setattr(method, "_lock", Lock())
+    monkeypatch.setattr(method, "_at", watched)
+    next(method.steps(at(1.0), np.zeros(2), 3.0))
+    assert len(held) == 2
+    assert min(held) == 1

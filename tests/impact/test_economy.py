@@ -7,6 +7,7 @@ import subprocess
 import sys
 import tracemalloc
 from collections import Counter
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -17,7 +18,7 @@ from dynkit.core.validation import Array
 from dynkit.exponential import propagators
 from dynkit.exponential.propagators import padded
 from dynkit.systems.impact.elements.jenkins import Jenkins
-from dynkit.systems.impact.elements.stops import HardStop
+from dynkit.systems.impact.elements.stops import HardStop, SoftStop
 from dynkit.systems.impact.modes import structure
 from dynkit.systems.impact.modes.bases import Basis, CoupledModes, NormalModes, row_by_row
 from dynkit.systems.impact.modes.steady_response import Forced
@@ -415,3 +416,21 @@ def test_a_label_follows_disturbances_over_two_periods(monkeypatch: pytest.Monke
     attractor = ImpactChain(masses=4, frequency=0.87).attractor(transient=700, keep=100)
     assert attractor.label.stable
     assert flown == [2 * (attractor.label.iterates or 0)]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Weighted(ImpactChain):
+    """A chain with arrays in a field of its own."""
+
+    weights: Any = ()
+
+
+def test_structures_are_taken_over_where_numbers_and_own_objects_are_the_same() -> None:
+    weights, elements = (np.ones(2), np.ones(2)), (HardStop(1), SoftStop(0, stiffness=2.0))
+    plain = Weighted(masses=(1.0, 2.0), frequency=0.9, weights=weights)
+    for system in (plain, plain.replace(elements=elements)):
+        assert system._structure is system._structure
+        for same in ({"frequency": 0.8}, {"masses": (1.0, 2.0), "weights": weights}):
+            assert "_structure" in vars(system.replace(**same))
+        for other in ((np.ones(2), np.ones(2)), (1.0, np.ones(2)), (1.0, 1.0)):
+            assert "_structure" not in vars(system.replace(weights=other))

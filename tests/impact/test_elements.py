@@ -509,3 +509,10 @@ def test_a_small_preload_changes_little() -> None:
     first, second = (abs(chain.difference(other, states[0])).max() for other in states[1:])
     assert 0.0 < first < 1e-6
     assert second == pytest.approx(2.0 * first, rel=1e-4)
+
+
+def test_any_string_is_a_name() -> None:
+    table = HardStop(0, name=np.str_("table"))
+    rubs = DryFriction(0, coefficient=0.1, normal=np.str_("table"), name=np.str_("belt"))
+    assert [type(name) for name in (table.name, rubs.normal, rubs.name)] == [str] * 3
+    assert (table, rubs.normal, rubs.name) == (HardStop(0, name="table"), "table", "belt")

@@ -9,6 +9,8 @@ from typing import Any
 import pytest
 
 from dynkit import continue_curve, continue_orbit
+from dynkit.core.no_motion import NoMotion
+from dynkit.orbits.newton import NoConvergence
 from dynkit.systems import BouncingBall, DryFriction, HardStop, ImpactChain, SoftStop
 from dynkit.systems.impact.orbits import machine
 from dynkit.systems.impact.orbits.itineraries import finding
@@ -54,6 +56,18 @@ def test_a_search_makes_one_machine_and_looks_into_new_guesses_alone(counted: Co
     # what is tried beside the returns: motions from orbits of the stop alone, and without impacts
     assert len(grown) <= found.cost.counts["returns"] + 10
     assert len(machines) <= 10
+
+
+@pytest.mark.parametrize("kind", [NoMotion, NoConvergence])
+def test_guesses_without_a_linearization_are_not_tried(
+    kind: type[Exception], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def refused(*_: object) -> None:
+        raise kind("no linearization")
+
+    monkeypatch.setattr(finding, "_grows", refused)
+    found = RUBBED.find_orbits(impacts=1, periods=1)
+    assert len(found) == found.cost.counts["returns"] == 0
 
 
 def test_an_oscillator_that_keeps_its_machine_shares_its_structure_and_travels_without() -> None:

@@ -64,6 +64,7 @@ from dynkit.systems import (
 
 BRIEF: dict[str, Any] = {"transient": 5, "keep": 5, "progress": False}
 ANY: Any = None
+PAIR: Any = np.array(["phase", "time"])
 
 
 def chain(**options: Any) -> ImpactChain:
@@ -370,6 +371,10 @@ CASES: list[tuple[Callable[[], Any], str]] = [
     (
         lambda: MatrixOscillator(M=np.eye(2), C=np.eye(2), K=[[1, 0.1], [0.2, 1]], frequency=1),
         "got 0.1 at [0, 1] and 0.2 across; (K + K.T) / 2 is symmetric",
+    ),
+    (
+        lambda: chain().simulate(impacts=2).observable(PAIR),
+        "name must be one of: relative_velocity, phase, energy, time",
     ),
 ]
 

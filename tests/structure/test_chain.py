@@ -8,6 +8,7 @@ from hypothesis import given, strategies as st
 
 from dynkit.core.validation import Array
 from dynkit.systems.impact.oscillators.chain import ImpactChain
+from dynkit.systems.impact.oscillators.matrix import MatrixOscillator
 from dynkit.systems.structure.chain import Chain
 
 SIZES = st.floats(1e-12, 1e12)
@@ -55,6 +56,39 @@ def test_matrices_are_to_the_last_digit_those_of_the_energies(
     for one, other in zip(*(chain._matrices() for chain in made), strict=True):
         assert one.dense.tobytes() == other.dense.tobytes()
         assert one.low.tobytes() == other.low.tobytes()
+
+
+class WithOneMore(ImpactChain):
+    """A chain with one mass more than it is given."""
+
+    @property
+    def degrees_of_freedom(self) -> int:
+        assert isinstance(self.masses, int)
+        return self.masses + 1
+
+
+def test_a_count_of_masses_is_that_of_the_coordinates() -> None:
+    found, known = WithOneMore(masses=2, frequency=1.0), ImpactChain(masses=3, frequency=1.0)
+    assert np.array_equal(found.mass, known.mass)
+    assert np.array_equal(found.stiffness, known.stiffness)
+
+
+@pytest.mark.parametrize(
+    ("kind", "arguments"),
+    [
+        (ImpactChain, {"masses": 2, "springs": 1.25}),
+        (
+            MatrixOscillator,
+            {"M": np.eye(2), "C": np.zeros((2, 2)), "K": [[2.5, -1.25], [-1.25, 1.25]]},
+        ),
+    ],
+)
+def test_an_energy_that_is_replaced_in_its_class_has_effect(
+    kind: Any, arguments: dict[str, Any], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    plain = kind.potential
+    monkeypatch.setattr(kind, "potential", lambda self, x: 2 * plain(self, x))
+    assert np.array_equal(kind(**arguments, frequency=1.0).stiffness, [[5.0, -2.5], [-2.5, 2.5]])
 
 
 def test_a_chain_needs_no_computer_algebra() -> None:

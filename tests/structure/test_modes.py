@@ -9,7 +9,7 @@ from mpmath import mp, mpf
 from dynkit.core.validation import Array
 from dynkit.systems.structure.chain import Chain
 from dynkit.systems.structure.lagrangian import LagrangianStructure
-from dynkit.systems.structure.modes import Modes
+from dynkit.systems.structure.modes import Modes, _last
 from dynkit.systems.structure.refinement import refine
 from tests.reference.impact_chain import to_mpf
 from tests.structure import reference
@@ -386,3 +386,9 @@ def test_another_damping_takes_no_eigenpairs_anew(monkeypatch: pytest.MonkeyPatc
     assert len({each.decay.tobytes() for each in found}) == 5
     assert Chain([1.0, 1.0, 1.5], springs).modes.frequencies[0] < found[0].frequencies[0]
     assert len(calls) == 2
+
+
+def test_eigenpairs_of_large_matrices_are_not_kept() -> None:
+    for size in (2, 201):
+        assert Chain(size, [1.3125] * size).modes.frequencies[0] > 0.0
+    assert [len(pairs.values.high) for pairs in _last.values()] == [2]

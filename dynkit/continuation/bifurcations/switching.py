@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from contextlib import suppress
 from typing import Any, NamedTuple, TypeAlias, final
 
 import numpy as np
@@ -161,17 +162,21 @@ def born(place: Place) -> list[Any]:
 
 def neighbours(place: Place) -> list[Any]:
     """Return the near orbits of one impact more or fewer at a GR."""
-    problem, y, event, found = place.problem, place.y, place.event, []
+    problem, y, found = place.problem, place.y, dict[int, Any]()
     if not isinstance(problem, WatchedProblem):
         return []
-    for other, guess, values in problem.neighbours(event, y[:-1], y[-1:]):
-        try:
+    try:
+        guesses = problem.neighbours(place.event, y[:-1], y[-1:])
+    except NoSolution:
+        return []
+    for other, guess, values in guesses:
+        if id(other) in found:  # an orbit of this branch is known
+            continue
+        with suppress(NoConvergence, NoSolution):
             solution, history = solve(other, guess, values)
             once, x = other.shortest(solution)
-            found.append(once.solution(x, values, history))
-        except (NoConvergence, NoSolution):
-            continue
-    return found
+            found[id(other)] = once.solution(x, values, history)
+    return list(found.values())
 
 
 def _width(y: Array) -> float:

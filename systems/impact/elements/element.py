@@ -183,8 +183,10 @@ class Element(Extensible, ABC):
     def __post_init__(self) -> None:
         check_fields(self, offset=finite_scalar, amplitude=non_negative, phase=finite_scalar)
         one_of("side", self.side, ("above", "below"))
-        if type(self.name) is not str or (self.name and not self.name.isidentifier()):
-            raise ValueError(f"name must be a name like 'table'; got {self.name!r}")
+        given: Any = self.name
+        if not isinstance(given, str) or (given and not given.isidentifier()):
+            raise ValueError(f"name must be a name like 'table'; got {given!r}")
+        self._set("name", str(given))
         given = self.coordinate
         if isinstance(given, str):
             if not given.isidentifier():

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import KW_ONLY, dataclass, replace
-from typing import final
+from typing import Any, final
 
 from dynkit.core.kept import cached_property
 from dynkit.core.validation import check_fields, finite_scalar, non_negative
@@ -100,11 +100,13 @@ class DryFriction(Element):
             raise ValueError(f"either force or coefficient must be given; got {found}")
         kinetic = "force" if self.coefficient is None else "coefficient"
         check_fields(self, **{kinetic: non_negative})
-        if type(self.normal) is not str or bool(self.normal) is (self.coefficient is None):
+        given: Any = self.normal
+        if not isinstance(given, str) or bool(given) is (self.coefficient is None):
             need = "be given with a coefficient only"
             if self.coefficient is not None:
                 need = "be the name of the hard stop that the coefficient belongs to"
-            raise ValueError(f"normal must {need}; got {self.normal!r}")
+            raise ValueError(f"normal must {need}; got {given!r}")
+        self._set("normal", str(given))
         check_fields(self, velocity=finite_scalar, slope=finite_scalar)
         if self.static is not None:
             check_fields(self, static=finite_scalar)

@@ -193,11 +193,19 @@ def _add_returns(
 
 
 def _add_new(found: Found, guess: Guess, within: float) -> bool:
-    """Try a guess that is not so near an orbit that was found; whether it was tried."""
+    """Try a guess that is not so near an orbit that was found; whether it was tried.
+
+    A guess without a linearization is not tried.
+    """
     problem, x, states = guess
-    if not (held := found.holds(problem, x, within)):
-        found.add(*anchored(problem, x, states))
-    return not held
+    if found.holds(problem, x, within):
+        return False
+    try:
+        problem, x = anchored(problem, x, states)
+    except (NoMotion, NoConvergence, NoSolution):
+        return False
+    found.add(problem, x)
+    return True
 
 
 def _near(

@@ -86,14 +86,14 @@ class ImpactChain(ImpactOscillator):
         return chain.chain_links(self._dashpots, v)
 
     def _matrices(self) -> Any:
-        if self._has_energies_of(ImpactChain):
+        if self._has_energies(*_OWN):
             with suppress(OverflowError):  # an energy tells which element it is
                 return chain.chain_matrices(self._masses, self._dashpots, self._springs)
         return super()._matrices()
 
     @property
     def _masses(self) -> tuple[float, ...]:
-        return (1.0,) * self.masses if isinstance(self.masses, int) else self.masses
+        return self.masses if isinstance(self.masses, tuple) else (1.0,) * self.degrees_of_freedom
 
     @property
     def _dashpots(self) -> Any:
@@ -105,3 +105,6 @@ class ImpactChain(ImpactOscillator):
     @property
     def _springs(self) -> tuple[float, ...]:
         return element_values("springs", self.springs, self.degrees_of_freedom)
+
+
+_OWN = ImpactChain.kinetic, ImpactChain.potential, ImpactChain.dissipation

@@ -107,10 +107,13 @@ class MatrixOscillator(ImpactOscillator):
         return _form(self.C, v)
 
     def _derive(self) -> Derivation:
-        if not self._has_energies_of(MatrixOscillator):
+        if not self._has_energies(*_OWN):
             return super()._derive()
         m, c, k = (SymmetricMatrix.from_dense(np.array(a)) for a in (self.M, self.C, self.K))
         return Derivation(m, c, k, exact=False)
+
+
+_OWN = MatrixOscillator.kinetic, MatrixOscillator.potential, MatrixOscillator.dissipation
 
 
 def _form(matrix: tuple[tuple[float, ...], ...], z: tuple[sympy.Symbol, ...]) -> sympy.Expr:

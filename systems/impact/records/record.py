@@ -464,8 +464,9 @@ class ImpactRecord(SavedWithSystem):
 
         if times is not None:
             return along_at(self.system, self._run, name, self._within(times))
-        if self.system._strobed or name not in OF_IMPACTS:
-            known = one_of("name", name, self.system.observables)
+        given: Any = name
+        if self.system._strobed or not (isinstance(given, str) and given in OF_IMPACTS):
+            known = one_of("name", given, self.system.observables)
             if "." in known:
                 return along_impacts(self.system, self._run, known)
             if self.system._strobed:

@@ -476,7 +476,13 @@ class ItineraryEquations(ImpactProblem):
         """Return the same motion as an orbit with more or fewer events.
 
         Where a gap touches zero, an impact with zero impulse is added; where an impulse vanishes,
-        its impact is left out. Both are solutions, up to rounding.
+        its impact is left out. Both are solutions, up to rounding, unless their parameter is not
+        `p`: those are guesses on both sides of the border, as described at `beyond`.
+
+        Raises
+        ------
+        NoSolution
+            When the equations of the other orbit are not defined.
         """
         return beyond(self, event, x, p)
 
