@@ -4,9 +4,8 @@ from __future__ import annotations
 
 import math
 import time
-from collections.abc import Sequence
 from functools import cached_property
-from typing import TYPE_CHECKING, Any, ClassVar, final
+from typing import TYPE_CHECKING, ClassVar, final
 
 import numpy as np
 
@@ -316,9 +315,10 @@ def _strobe_times(motion: Motion, phase: float, periods: int | None) -> Array:
 def _chosen(
     coordinates: tuple[int, int] | None, default: tuple[int, int], dimension: int
 ) -> list[int]:
-    chosen: Any = default if coordinates is None else coordinates
-    if not isinstance(chosen, Sequence) or len(chosen) != 2:
-        raise ValueError(f"coordinates must be two numbers of coordinates; got {coordinates!r}")
-    first, second = chosen
+    try:
+        first, second = default if coordinates is None else coordinates
+    except (TypeError, ValueError):
+        message = f"coordinates must be two numbers of coordinates; got {coordinates!r}"
+        raise ValueError(message) from None
     both = {"coordinates[0]": first, "coordinates[1]": second}
     return [checked_index(name, value, dimension) for name, value in both.items()]
