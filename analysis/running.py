@@ -38,6 +38,7 @@ from dynkit.core.validation import (
     positive,
     positive_integer,
     read_only,
+    with_squares_in_range,
 )
 from dynkit.dynamics.attractor import Attractor
 
@@ -85,7 +86,8 @@ class Running(Extensible, ABC):
         Raises
         ------
         ValueError
-            When the block is not an attractor with states, or does not have the measured quantity.
+            When the block is not an attractor with states, does not have the measured quantity, or
+            squares of its numbers overflow or vanish.
         NoMotion
             When the motion ends.
         """
@@ -118,6 +120,13 @@ class Running(Extensible, ABC):
     def _at_least(self, least: int, what: str, count: int) -> None:
         if count < least:
             raise ValueError(f"{self!r} must have {least} {what} or more; got {count}")
+
+
+def _largest(before: float, values: Array) -> float:
+    """Return the largest size of all numbers so far; ValueError where squares are out of range."""
+    largest = max(before, float(abs(values).max(initial=0.0)))
+    with_squares_in_range("block", np.array(largest))
+    return largest
 
 
 @final
@@ -156,9 +165,16 @@ class RunningHistogram(Running):
         self.low, self.high = finite_scalar("low", low), finite_scalar("high", high)
         if not self.low < self.high:
             raise ValueError(f"high must exceed low = {self.low}; got {self.high}")
+        if not math.isfinite(self.high - self.low):
+            raise ValueError(
+                f"high must exceed low = {self.low} by a finite number; got {self.high}"
+            )
         self.bins = positive_integer("bins", bins)
         if not (np.diff(self._edges) > 0.0).all():
-            raise ValueError(f"bins must be wider than rounding; got {self.bins} of them")
+            width = (self.high - self.low) / self.bins
+            raise ValueError(
+                f"bins must be wider than rounding; got {self.bins} of width {width:.3g}"
+            )
         self._counts, self._watched = Batches(_BATCHES), Batches(_WATCHED)
 
     @property
@@ -224,6 +240,7 @@ class RunningPOD(Running):
     _off: tuple[float, float] = (0.0, 0.0)
     _modes: Array | None = None
     _blocks: int = 0
+    _largest: float = 0.0
 
     def __init__(self, *, about: Literal["origin", "mean"] = "origin") -> None:
         one_of("about", about, ("origin", "mean"))
@@ -239,6 +256,7 @@ class RunningPOD(Running):
             flat = found.products.reshape(len(found.sums), -1)
             return np.column_stack([flat, found.sums, found.durations])
 
+        self._largest = _largest(self._largest, block.states)
         self._moments.add(len(block.states), moments)
         self._watched.add_rows(with_squares(block.states))
         self._modes = getattr(block.system, "modal_matrix", None)
@@ -349,6 +367,7 @@ class RunningSpectrum(Running):
     _next: float = 0.0
     _shift: float = 0.0
     _segments: int = 0
+    _largest: float = 0.0
     _rest: Array
     _sum: Array
     _watched: Batches
@@ -371,6 +390,7 @@ class RunningSpectrum(Running):
         for low in range(0, count, _CHUNK):
             numbers = np.arange(low, min(low + _CHUNK, count), dtype=np.float64)
             values = block.time_series(self._next + step * numbers)[:, axis.coordinate]
+            self._largest = _largest(self._largest, values)
             if self._axis is None:
                 self._axis, self._shift = axis, float(values[0])
             self._watched.add_rows(with_squares(values[:, None] - self._shift))

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import math
 import time
-from collections.abc import Sequence
-from typing import TYPE_CHECKING, Any, ClassVar, final
+from typing import TYPE_CHECKING, ClassVar, final
 
 import numpy as np
 
 from dynkit.analysis.motions import Motion, checked_index
+from dynkit.core.angles import in_turn
 from dynkit.core.cost import Cost
 from dynkit.core.kept import cached_property
 from dynkit.core.validation import Array, finite_array, finite_scalar, positive_integer, read_only
@@ -60,7 +60,7 @@ class StroboscopicSection(Saved):
 
     def __init__(self, source: object, *, phase: float = 0.0, periods: int | None = None) -> None:
         began = time.perf_counter()
-        self.phase = finite_scalar("phase", phase) % math.tau % math.tau  # -1e-17 % tau is tau
+        self.phase = float(in_turn(finite_scalar("phase", phase)))
         motion = self._motion = Motion.of(source)
         self._default = 0, 1
         if motion is not None:
@@ -214,8 +214,7 @@ class ImpactSection(Saved):
     @property
     def phase(self) -> Array:
         """Phases of the forcing at the impacts, (n,), below 2 pi."""
-        # with 4 pi times the number of the stop; -1e-17 % tau is tau
-        return np.asarray(self.states[:, -1] % math.tau % math.tau)
+        return in_turn(self.states[:, -1])  # with 4 pi times the number of the stop
 
     def __repr__(self) -> str:
         return f"<ImpactSection: {len(self.states)} impacts>"
@@ -301,7 +300,7 @@ def _strobe_times(motion: Motion, phase: float, periods: int | None) -> Array:
     w, record = motion.forcing_frequency, motion.record_until(0.0)
     if record is None:
         raise ValueError(f"source must be a motion in time; got {motion.system!r}")
-    first = ((phase - record.start.phase) % math.tau % math.tau) / w
+    first = float(in_turn(phase - record.start.phase)) / w
     period = math.tau / w
     if periods is None:
         end = float(record.time[-1]) if len(record) else 0.0
@@ -316,9 +315,10 @@ def _strobe_times(motion: Motion, phase: float, periods: int | None) -> Array:
 def _chosen(
     coordinates: tuple[int, int] | None, default: tuple[int, int], dimension: int
 ) -> list[int]:
-    chosen: Any = default if coordinates is None else coordinates
-    if not isinstance(chosen, Sequence) or len(chosen) != 2:
-        raise ValueError(f"coordinates must be two numbers of coordinates; got {coordinates!r}")
-    first, second = chosen
+    try:
+        first, second = default if coordinates is None else coordinates
+    except (TypeError, ValueError):
+        message = f"coordinates must be two numbers of coordinates; got {coordinates!r}"
+        raise ValueError(message) from None
     both = {"coordinates[0]": first, "coordinates[1]": second}
     return [checked_index(name, value, dimension) for name, value in both.items()]

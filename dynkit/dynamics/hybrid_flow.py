@@ -32,8 +32,8 @@ class HybridFlow(Flow):
 
     A subclass may implement:
 
-    3. ``armed(state)``, a number: where the guard falls to zero and this number is not positive,
-       nothing happens. By default it is one everywhere.
+    3. ``armed(state)``, a number or a truth value: where the guard falls to zero and this is not
+       positive, or false, nothing happens. By default it is one everywhere.
     4. ``guard_gradient(state)``, (d,), and ``reset_jacobian(state)``, (d, d), the exact derivatives
        by the state; ``guard_parameter_derivative(state, name)``, a number, and
        ``reset_parameter_derivative(state, name)``, (d,), those by a parameter. By default they are
@@ -109,9 +109,12 @@ def smooth(name: str, flow: Flow) -> None:
 
 
 def _number(flow: HybridFlow, method: str, value: Any) -> float:
-    """Return what a method of the user returned as a float; it need not be finite."""
+    """Return what a method of the user returned as a float; it need not be finite.
+
+    `armed` may return a truth value.
+    """
     found = np.asarray(value)
-    if found.ndim or found.dtype.kind not in "fiu":
+    if found.ndim or found.dtype.kind not in ("fiub" if method == ".armed" else "fiu"):
         raise ValueError(f"{type(flow).__name__}{method} must return a real number; got {value!r}")
     return float(found)
 

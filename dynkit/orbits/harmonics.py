@@ -179,7 +179,7 @@ def harmonics_of(values: object, frequency: float) -> Harmonics:
     # jumps of the slope, times the interval T / n
     bends = np.diff(period, 2, prepend=period[-1], append=period[0])
     after = np.roll(bends, -1)
-    jumps = np.where(bends * after < 0.0, np.minimum(abs(bends), abs(after)), 0.0)
+    jumps = np.where(np.sign(bends) * np.sign(after) < 0.0, np.minimum(abs(bends), abs(after)), 0.0)
     folded = (_OF_BENDS * abs(bends).sum() + (_OF_JUMPS - 2.0 * _OF_BENDS) * jumps.sum()) / n
     gap = abs(float(samples[-1] - samples[0]))
     rounding = 2.0**-52 * math.log2(2 * n) * float(abs(samples).max())

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import matplotlib.pyplot as plt
 import numpy as np
@@ -12,7 +13,7 @@ from scipy.stats import binom
 
 from dynkit import MapAttractor
 from dynkit.analysis import POD, CorrelationDimension, LyapunovSpectrum, PowerSpectrum
-from dynkit.analysis.regimes import _statistic, regime_change
+from dynkit.analysis.regimes import _periodic_from, _statistic, regime_change
 from dynkit.core.cost import Cost
 from dynkit.core.validation import Array
 from dynkit.dynamics.attractor import Attractor
@@ -186,6 +187,38 @@ def test_chaos_of_few_values_does_not_become_periodic() -> None:
     runs = (random.uniform(size=(1000, 2000)) < 0.01).astype(float)
     alarms = sum(regime_change(run[:, None]) is not None for run in runs.T)
     assert alarms <= FalseAlarms(2000, 0).most
+
+
+def test_a_burst_between_periodic_motions_hides_no_change() -> None:
+    column = np.tile([1.0, 2.0, 4.0, 3.0], 375)
+    column[450:650] = np.random.default_rng(0).uniform(1.0, 4.0, 200)
+    change = regime_change(column[:, None])
+    assert change is not None
+    assert change.periodic
+    assert abs(change.at - 650) <= 4
+
+
+class Compared(np.ndarray):
+    """Numbers that count how many of them are subtracted."""
+
+    count = 0
+
+    def __array_ufunc__(self, ufunc: np.ufunc, method: str, *inputs: Any, **options: Any) -> Any:
+        found = getattr(ufunc, method)(*map(np.asarray, inputs), **options)
+        if ufunc is np.subtract:
+            Compared.count += found.size
+        return found.view(Compared) if isinstance(found, np.ndarray) else found
+
+
+def test_chaos_of_two_values_compares_few_numbers_for_each_period(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    # logarithms of a skew tent map: the last value recurs after half of all candidate periods
+    monkeypatch.setattr(Compared, "count", 0)
+    n = 6000
+    column = np.where(np.random.default_rng(0).uniform(size=n) < 0.4, np.log(2.5), -np.log(0.6))
+    assert _periodic_from(column.view(Compared)) is None
+    assert Compared.count <= 100 * n
 
 
 def test_a_column_that_is_periodic_throughout_hides_no_change() -> None:

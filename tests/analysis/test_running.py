@@ -354,6 +354,44 @@ def test_memory_does_not_grow_with_the_number_of_blocks() -> None:
 # --- wrong input ----------------------------------------------------------------------------------
 
 
+class Scaled(Map):
+    """The logistic map at rate 4 in another unit."""
+
+    dimension = 1
+
+    def __init__(self, unit: float) -> None:
+        self.unit = unit
+
+    def __call__(self, state: Array) -> Array:
+        return 4.0 * state * (1.0 - state / self.unit)
+
+
+@pytest.mark.parametrize(
+    "make", [RunningPOD, lambda: RunningSpectrum(interval=1.0, length=8)], ids=["pod", "spectrum"]
+)
+@pytest.mark.parametrize(
+    ("unit", "message"),
+    [
+        (1e200, r"block must not exceed 1e\+145 in size; got 9\.\d+e\+199"),
+        (1e-200, r"block must be zero, or at least 1e-145 in size; got 9\.\d+e-201"),
+    ],
+)
+def test_states_whose_squares_are_out_of_range_are_refused(
+    make: Any, unit: float, message: str
+) -> None:
+    with pytest.raises(ValueError, match=message):
+        after(make(), Scaled(unit).stream(start=[0.3 * unit], keep=100, block=100))
+
+
+@pytest.mark.parametrize(
+    "make", [RunningPOD, lambda: RunningSpectrum(interval=1.0, length=8)], ids=["pod", "spectrum"]
+)
+def test_a_motion_may_decay_until_its_squares_vanish(make: Any) -> None:
+    blocks = Logistic(rate=1e-3).stream(start=[0.5], transient=0, keep=80, block=20)
+    found = after(make(), blocks)
+    assert np.isfinite(found.error).all()
+
+
 @pytest.mark.parametrize(
     ("make", "message"),
     [
@@ -361,7 +399,11 @@ def test_memory_does_not_grow_with_the_number_of_blocks() -> None:
         (lambda: RunningHistogram("x", low=0, high=1, bins=0), "bins must be a positive integer"),
         (
             lambda: RunningHistogram("x", low=1.0, high=1.0 + 2.0**-50, bins=10),
-            "bins must be wider than rounding; got 10 of them",
+            r"bins must be wider than rounding; got 10 of width 8\.88e-17",
+        ),
+        (
+            lambda: RunningHistogram("x", low=-1e308, high=1e308, bins=10),
+            r"high must exceed low = -1e\+308 by a finite number; got 1e\+308",
         ),
         (lambda: RunningHistogram("x", low=np.nan, high=1), "low must be a finite number"),
         (

@@ -147,7 +147,7 @@ def test_unknown_coordinates_are_refused(section: Any) -> None:
     _, (axes,) = new_figure()
     with pytest.raises(ValueError, match=re.escape("coordinates[1] must lie in [-2, 1]; got 2")):
         section(np.eye(2)).plot(axes, coordinates=(0, 2))
-    for wrong in (3, (0,), (0, 1, 1)):
+    for wrong in (3, np.array(3), (0,), (0, 1, 1), np.arange(3)):
         with pytest.raises(ValueError, match="coordinates must be two numbers of coordinates; got"):
             section(np.eye(2)).plot(axes, coordinates=wrong)
 
@@ -181,6 +181,13 @@ def test_other_coordinates_are_drawn_as_asked() -> None:
     section.plot(axes, coordinates=(0, 3))
     assert np.array_equal(axes.lines[0].get_ydata(), section.states[:, 3])
     assert axes.get_xlabel() == "section coordinate 0"
+
+
+@pytest.mark.parametrize("section", [StroboscopicSection, ImpactSection])
+def test_coordinates_may_be_an_array(section: Any) -> None:
+    _, (axes,) = new_figure()
+    section(np.array([[0.1, 0.2], [0.3, 0.4]])).plot(axes, coordinates=np.array([1, 0]))
+    assert np.asarray(axes.lines[0].get_ydata()).tolist() == [0.1, 0.3]
 
 
 def test_few_points_are_drawn_larger_than_many() -> None:

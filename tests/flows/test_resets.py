@@ -387,6 +387,25 @@ class Disarmed(PlainWheel):
         return None
 
 
+class Crossed(PlainWheel):
+    def guard(self, state: Array) -> Any:
+        return state[0] < 0
+
+
+class Conditional(PlainWheel):
+    least: float = 0.0
+
+    def armed(self, state: Array) -> Any:
+        return state[1] > self.least
+
+
+def test_a_condition_arms_a_guard() -> None:
+    start = np.array([0.2, 1.0])
+    assert np.array_equal(steps(Conditional())(start), steps(PlainWheel())(start))
+    with pytest.raises(NoCrossing):
+        steps(Conditional().replace(least=9.0))(start)
+
+
 class Choosing(Wheel):
     def guard(self, angle: Any, rate: Any) -> Any:
         return angle if rate > 0 else -angle
@@ -417,6 +436,7 @@ class Choosing(Wheel):
             lambda: steps(Disarmed())([0.2, 1.0]),
             r"Disarmed\.armed must return a real number; got None",
         ),
+        (lambda: steps(Crossed())([0.2, 1.0]), r"Crossed\.guard must return a real number; got "),
         (lambda: steps(Wheel())([0.0]), r"state must have shape \(2,\)"),
         (lambda: steps(Wheel()).parameter_derivative([0.0, 1.0], "mass"), "parameter must be one"),
     ],

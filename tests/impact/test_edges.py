@@ -9,11 +9,11 @@ import mpmath
 import numpy as np
 import pytest
 
+from dynkit.core.angles import in_turn
 from dynkit.exponential.sums import ExponentialSum, RootKind
 from dynkit.systems.impact.oscillators.chain import ImpactChain
 from dynkit.systems.impact.oscillators.matrix import MatrixOscillator
 from dynkit.systems.impact.oscillators.play import PlayOscillator
-from dynkit.systems.impact.simulation.state import in_turn
 from dynkit.systems.impact.simulation.trajectory import Ending
 from tests.impact.exact import exact_errors
 from tests.reference.general_oscillator import GeneralOscillator, chain_of

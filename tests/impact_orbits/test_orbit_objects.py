@@ -158,6 +158,18 @@ def test_observables_are_those_of_a_diagram() -> None:
     assert np.array_equal(orbit.observable("time"), orbit.time)
 
 
+def test_phases_just_below_zero_are_below_a_turn() -> None:
+    problem: Any = settled(0.87)._problem
+    x, p = np.array([-1e-17, 0.3]), np.empty(0)
+    orbit = problem.orbit(x, p, (0.0,))
+    assert orbit.phases.tolist() == [-1e-17]
+    assert orbit.states[:, -1].tolist() == orbit.bounces[:, 1].tolist() == [0.0]
+    assert orbit.observable("phase").tolist() == [0.0]
+    places = [problem.touching(k, x, x[:1], p) for k in range(len(problem.events(x, p)))]
+    assert {place["phase"] for place in places} == {0.0}
+    assert {place["time"] for place in places} == {0.0}
+
+
 @pytest.mark.parametrize("name", ANY)
 def test_impacts_are_counted_and_contacts_are_those_of_orbits_that_stick(name: str) -> None:
     orbit = ANY[name]()

@@ -93,6 +93,13 @@ def test_error_estimate_holds_for_jumps(samples: int) -> None:
         assert abs(found.coefficients - exact).max() <= found.error
 
 
+@pytest.mark.parametrize("unit", [1e-300, 1e-163, 1e-100, 1e100, 1e300])
+def test_error_estimate_of_a_jump_is_the_same_in_all_units(unit: float) -> None:
+    saw = (np.arange(65) / 64 - 0.3) % 1.0 - 0.5
+    error = harmonics_of(saw, TWO_PI).error
+    assert harmonics_of(unit * saw, TWO_PI).error / unit == pytest.approx(error, rel=1e-9)
+
+
 def test_powers_are_the_mean_squares_of_sines() -> None:
     t = np.linspace(0.0, TWO_PI, 33)
     found = harmonics_of(7.0 + 2.0 * np.cos(t) - 3.0 * np.sin(4.0 * t), 1.0)

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any, Protocol, final
 
 import numpy as np
 
+from dynkit.core.angles import in_turn
 from dynkit.core.kept import cached_property
 from dynkit.core.reprs import Facts, system_repr
 from dynkit.core.validation import Array, finite_array, one_of, read_only
@@ -14,7 +15,6 @@ from dynkit.orbits.equations import KeptSolution
 from dynkit.orbits.problem import PeriodicOrbit
 from dynkit.systems.impact.orbits.itineraries.motion import ItinerarySolution
 from dynkit.systems.impact.records.viewing import series_of
-from dynkit.systems.impact.simulation.state import TWO_PI
 from dynkit.viewer.series import Series
 
 if TYPE_CHECKING:
@@ -76,7 +76,7 @@ def observables_of(solution: ItinerarySolution) -> dict[str, Array]:
     """Observables of a motion with impacts, by name: see `ImpactOrbit.observable`."""
     phases, speeds = solution.impact_phases, np.asarray(solution.relative_velocity)
     time = np.asarray((phases - solution.phases[0]) / solution.frequency)
-    return {"relative_velocity": speeds, "phase": np.asarray(phases % TWO_PI), "time": time}
+    return {"relative_velocity": speeds, "phase": in_turn(phases), "time": time}
 
 
 @final
@@ -259,7 +259,7 @@ class ImpactOrbit(KeptSolution, PeriodicOrbit):
         """
         phases, speeds = self._solution.bounces
         time = (phases - self.phases[0]) / self._solution.frequency
-        impacts = np.stack([time, phases % TWO_PI, speeds], axis=1)
+        impacts = np.stack([time, in_turn(phases), speeds], axis=1)
         impacts.setflags(write=False)
         return impacts
 

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any, ClassVar, Self, final
 
 import numpy as np
 
+from dynkit.core.angles import in_turn
 from dynkit.core.kept import cached_property
 from dynkit.core.no_motion import Diverged, Refused
 from dynkit.core.validation import Array, all_finite, finite_array
@@ -158,12 +159,6 @@ def phases(sine: Array, cosine: Array) -> Array:
     where arrays overlap in memory, or seem to.
     """
     return in_turn(list(map(math.atan2, sine.tolist(), cosine.tolist())))
-
-
-def in_turn(angles: Any) -> Array:
-    """Angles modulo 2 pi, in [0, 2 pi); an angle whose remainder is rounded to 2 pi becomes 0."""
-    turned = np.asarray(angles) % TWO_PI
-    return np.where(turned < TWO_PI, turned, 0.0)
 
 
 def turning(angles: Array) -> Array:

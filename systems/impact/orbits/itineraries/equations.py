@@ -8,6 +8,7 @@ from typing import Any, NamedTuple, Self, final
 
 import numpy as np
 
+from dynkit.core.angles import in_turn
 from dynkit.core.cost import Cost
 from dynkit.core.smooth_map import proper_divisors
 from dynkit.core.validation import Array
@@ -404,7 +405,7 @@ class ItineraryEquations(ImpactProblem):
         at, side = border.place(solution, own)
         turns = (at - float(solution.phases[0])) % (TWO_PI * self.periods)
         time = turns / solution.frequency
-        found = {"phase": at % TWO_PI, "time": time, "side": float(side)}
+        found = {"phase": float(in_turn(at)), "time": time, "side": float(side)}
         return {**found, named(border, solution): time}
 
     def _stations(self, s: ResponseSolution | ShootingSolution) -> list[Station]:

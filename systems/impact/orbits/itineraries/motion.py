@@ -7,6 +7,7 @@ from typing import Any, ClassVar, NamedTuple, final
 
 import numpy as np
 
+from dynkit.core.angles import in_turn
 from dynkit.core.kept import cached_property, kept
 from dynkit.core.validation import Array, read_only
 from dynkit.systems.impact.modes.progression import Progression
@@ -240,7 +241,7 @@ class ItinerarySolution(ABC):
         whole = self.whole[some]
         found = np.empty((len(some), system.dimension))
         found[:, -2] = speeds
-        found[:, -1] = self.event_phases[some] % TWO_PI + SHEET * sides * system._several
+        found[:, -1] = in_turn(self.event_phases[some]) + SHEET * sides * system._several
         for side in np.unique(sides).tolist():
             others = system._others[side]
             here = np.flatnonzero(sides == side)[:, None]
