@@ -38,8 +38,9 @@ as for `label_orbit`."""
 
 _REPETITIONS, _LEAST, _LONGER = 3, 100, 5
 """Least number of periods, and of values, in which a column recurs before it counts as periodic,
-and least ratio of this number to those for which it was constant before. Chaos does not stay within
-the tolerance for so long, unless the column is constant between rare events."""
+and least ratio of this number to those for which it was constant before, or recurred until less
+than `_SHORTEST` values before. Chaos does not stay within the tolerance for so long, unless the
+column is constant or periodic between rare events."""
 
 
 @final
@@ -70,12 +71,12 @@ def regime_change(series: Array, *, growths: int = 0) -> RegimeChange | None:
     """Return the change of regime of a run; None where no change is detected.
 
     A run becomes periodic where a column recurs to 1e-6 at its end, for at least three periods, a
-    hundred values and five times as long as it was ever constant before; the change is where the
-    column begins to recur to 1e-2. Columns that recur to 1e-6 throughout are left out. Otherwise,
-    in runs of 400 values and more, the means of each column over 64 parts are tested for a change
-    with at least 200 values on each side. The test normalises the difference of the means before
-    and after a part by partial sums on both sides; the remaining correlation of neighbouring parts
-    is accounted for.
+    hundred values and five times as long as it was constant at any time before, or recurred in the
+    200 values before; the change is where the column begins to recur to 1e-2. Columns that recur to
+    1e-6 throughout are left out. Otherwise, in runs of 400 values and more, the means of each
+    column over 64 parts are tested for a change with at least 200 values on each side. The test
+    normalises the difference of the means before and after a part by partial sums on both sides;
+    the remaining correlation of neighbouring parts is accounted for.
 
     The probability of a false alarm is at most 0.5 % for all columns together; instead of more than
     50 columns, 50 sums with fixed pseudo-random signs are tested. It is 0.1 % for independent
@@ -154,11 +155,12 @@ def _periodic_from(column: Array) -> tuple[int, float] | None:
         if all((abs(tail[period:] - tail[:-period]) <= near).all() for tail in tails):
             apart = abs(column[period:] - column[:-period])
             ends = np.flatnonzero(apart > near)
-            begin = int(ends[-1]) + 1 if len(ends) else 0
-            steps = np.flatnonzero(abs(np.diff(column[:begin])) > near)
-            constant = int(np.diff(steps, prepend=-1, append=begin - 1).max()) - 1
-            if len(apart) - begin < _LONGER * constant:
-                return None
+            if len(ends):
+                steps = np.flatnonzero(abs(np.diff(column[: ends[-1] + 1])) > near)
+                constant = np.diff(steps, prepend=-1, append=ends[-1]) - 1
+                recurs = (np.diff(ends, prepend=-1) - 1)[ends >= ends[-1] - _SHORTEST]
+                if len(apart) - 1 - ends[-1] < _LONGER * max(constant.max(), recurs.max()):
+                    return None
             growth = float(column[-period:].mean()) - near
             far = np.flatnonzero(apart > near * _NEAR / _TOLERANCE)
             return (int(far[-1]) + 1 if len(far) else min(len(ends), 1) - 1), growth

@@ -221,7 +221,7 @@ class PowerSpectrum(Saved):
             part = values[low : low + _CHUNK]
             times = self._step * np.arange(low, low + len(part), dtype=np.float64)
             part[:] = self._motion.attractor.time_series(times)[:, self._coordinate]
-        return values, time.perf_counter() - began
+        return with_squares_in_range("source", values), time.perf_counter() - began
 
     @cached_property
     def _estimate(self) -> tuple[Array, Array, float]:

@@ -181,10 +181,11 @@ def test_periodic_motions_and_tori_do_not_change() -> None:
     assert regime_change(np.full((400, 2), 0.3)) is None
 
 
-def test_chaos_of_few_values_does_not_become_periodic() -> None:
-    # between rare events such an observable is constant for 100 states and more
+@pytest.mark.parametrize("period", [1, 2, 3])
+def test_chaos_of_few_values_does_not_become_periodic(period: int) -> None:
+    # between rare events such an observable is constant or periodic for 100 states and more
     random = np.random.default_rng(0)
-    runs = (random.uniform(size=(1000, 2000)) < 0.01).astype(float)
+    runs = (random.uniform(size=(1000, 2000)) < 0.01) + 0.1 * (np.arange(1000) % period)[:, None]
     alarms = sum(regime_change(run[:, None]) is not None for run in runs.T)
     assert alarms <= FalseAlarms(2000, 0).most
 

@@ -14,7 +14,7 @@ from dynkit.analysis import PowerSpectrum
 from dynkit.core.validation import Array
 from dynkit.dynamics.map_attractor import MapAttractor
 from dynkit.plotting.figures import new_figure
-from dynkit.systems import Henon, ImpactChain
+from dynkit.systems import Henon, ImpactChain, Logistic
 from dynkit.systems.impact.oscillators.attractor import ImpactAttractor
 
 
@@ -238,6 +238,9 @@ def test_values_whose_squares_overflow_are_refused() -> None:
         ValueError, match=re.escape("source must not exceed 1e+145 in size; got 1e")
     ):
         PowerSpectrum(1e200 * np.sign(noise(100)), 1.0)
+    slow = MapAttractor(Logistic(rate=0.5), np.array([1e-170]), 0, 100)
+    with pytest.raises(ValueError, match="source must be zero, or at least 1e-145 in size; got 1e"):
+        _ = PowerSpectrum(slow, 1.0, samples=50).density
 
 
 def test_unknown_coordinate_is_refused() -> None:
