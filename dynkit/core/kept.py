@@ -13,6 +13,9 @@ _Given = ParamSpec("_Given")
 _Found = TypeVar("_Found")
 
 
+ANY_CACHED = functools.cached_property
+"""The class of all cached properties, also of those of users' classes."""
+
 if TYPE_CHECKING:  # a subclass is no property to them
     cached_property = functools.cached_property
 else:

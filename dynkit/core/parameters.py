@@ -8,7 +8,7 @@ from typing import Any, ClassVar, Self, cast, final, get_origin
 
 import numpy as np
 
-from dynkit.core.kept import cached_property
+from dynkit.core.kept import ANY_CACHED
 from dynkit.core.overriding import Extensible
 from dynkit.core.reprs import Shown
 from dynkit.core.user_code import code_of
@@ -103,7 +103,7 @@ def cached_in(kind: type) -> frozenset[str]:
     They are cached properties, and where `kept` methods keep their results.
     """
     members = (pair for base in kind.__mro__ for pair in vars(base).items())
-    cached = (name for name, member in members if isinstance(member, cached_property))
+    cached = (name for name, member in members if isinstance(member, ANY_CACHED))
     return frozenset(("_kept", *cached))
 
 
@@ -128,7 +128,7 @@ def _refuse_hiding(cls: type) -> None:
     for name, annotation in inspect.get_annotations(cls).items():
         base = next((base for base in cls.__mro__[1:] if name in vars(base)), object)
         hidden = vars(base).get(name)
-        computed = callable(hidden) or isinstance(hidden, (property, cached_property))
+        computed = callable(hidden) or isinstance(hidden, (property, ANY_CACHED))
         abstract = getattr(hidden, "__isabstractmethod__", False)
         if computed and not abstract and _is_field(annotation):
             raise TypeError(

@@ -25,7 +25,7 @@ from typing import Any, Literal, Union, get_args, get_origin, get_type_hints
 import numpy as np
 from numpy.typing import NDArray
 
-from dynkit.core.kept import cached_property
+from dynkit.core.kept import ANY_CACHED
 
 Arrays = dict[str, NDArray[Any]]
 _KINDS = {np.float64: "f", np.complex128: "c", np.bool_: "b", np.int64: "i"}
@@ -148,7 +148,7 @@ def schema(kind: Any) -> dict[str, Any]:
     found = {}
     for name in (*getattr(kind, "_stored", public), *_if_known(kind)):
         member = getattr(kind, name, None)
-        if isinstance(member, cached_property):
+        if isinstance(member, ANY_CACHED):
             found[name] = get_type_hints(member.func)["return"]
         else:
             found[name] = _hint(kind, name)
