@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any, ClassVar, Self, final
 
 import numpy as np
 
+from dynkit.core.angles import in_turn
 from dynkit.core.differences import numerical_derivative, parameter_difference
 from dynkit.core.kept import cached_property
 from dynkit.core.no_motion import NoCrossing, TangentCrossing, replaced
@@ -275,7 +276,7 @@ class ResetMap(Map):
     def _landed(self, hit: Crossing) -> Array:
         state = returned(self.flow, self.flow.reset(hit.state), self.dimension, ".reset").copy()
         turning = list(self.angles)
-        state[turning] %= _TURN
+        state[turning] = in_turn(state[turning])
         return state
 
     def return_time(self, state: Array) -> float:

@@ -7,6 +7,7 @@ from typing import final
 
 import numpy as np
 
+from dynkit.core.angles import in_turn
 from dynkit.core.overriding import Extensible
 from dynkit.core.validation import (
     Array,
@@ -159,7 +160,7 @@ class Hyperplane(PoincareSection):
 
     def reduce(self, state: Array) -> Array:
         coordinates = np.asarray(self._chart @ self._checked(state))
-        coordinates[self._angles] %= _TURN
+        coordinates[self._angles] = in_turn(coordinates[self._angles])
         return coordinates
 
     def lift(self, reduced: Array) -> Array:
@@ -256,7 +257,7 @@ class Stroboscope(PoincareSection):
 
     def reduce(self, state: Array) -> Array:
         coordinates = self._checked(state)[:-1].copy()
-        coordinates[self._angles] %= _TURN
+        coordinates[self._angles] = in_turn(coordinates[self._angles])
         return coordinates
 
     def lift(self, reduced: Array) -> Array:

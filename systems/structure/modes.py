@@ -268,12 +268,13 @@ def _modes_of(given: Derivation) -> Modes:
 
 def _solved(stiffness: SymmetricMatrix, mass: SymmetricMatrix) -> Eigenpairs:
     """Eigenpairs of scaled K and M; the last ones are kept, as where the damping alone changes."""
+    scaled = [matrix.scaled(-matrix.exponent) for matrix in (stiffness, mass)]
     if mass.size > _LARGEST_KEPT:
-        return refine(stiffness.scaled(-stiffness.exponent), mass.scaled(-mass.exponent))
+        return refine(*scaled)
     key = tuple(a.tobytes() for m in (stiffness, mass) for a in (m.rows, m.columns, m.high, m.low))
     if key not in _last:
         _last.clear()
-        _last[key] = refine(stiffness.scaled(-stiffness.exponent), mass.scaled(-mass.exponent))
+        _last[key] = refine(*scaled)
     return _last[key]
 
 

@@ -143,6 +143,12 @@ def test_a_stroboscope_takes_angles_modulo_a_turn() -> None:
     assert gap == pytest.approx([0.1 - 6.2 + 2.0 * np.pi, 7.0])
 
 
+def test_an_angle_just_below_zero_is_zero() -> None:
+    state = np.array([-1e-17, 0.3, 0.0])
+    for section in (Hyperplane(np.eye(3)[2], angles=[0]), Stroboscope(3, angles=[0])):
+        assert section.reduce(state)[0] == 0.0
+
+
 def test_the_phase_of_a_stroboscope_is_no_other_angle() -> None:
     with pytest.raises(ValueError, match=r"^angles\[1\] must be less than 2; got 2$"):
         Stroboscope(3, angles=[0, 2])

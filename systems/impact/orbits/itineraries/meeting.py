@@ -14,31 +14,34 @@ from dynkit.systems.impact.orbits.itineraries.motion import AT_ONCE
 from dynkit.systems.impact.simulation.state import TWO_PI
 
 _MET = 1e-6
-"""Borders whose numbers are smaller, in their units, are met at once; and phases that agree so.
+"""Largest residual of a border that is met, in its units, and largest difference of equal phases.
 
-Where the parameter is quadratic in a number, that of another place is the root of a rounding error.
+The parameter may be quadratic in the residual. Then the residual at another phase is the square
+root of a rounding error.
 """
 
-
 _ASIDE, _WIDE = 1e-6, 1e-2
-"""Distance from the border, relative to the parameter, and the phases of the guess there.
+"""Distance of guesses from the border, relative to the parameter, and shift of their phases.
 
-Newton's method comes from wide events to those of the same sign.
+The shift is large so that Newton's method keeps the order of the events.
 """
 
 
 def beyond(problem: Any, event: int, x: Array, p: Array) -> list[tuple[Any, Array, Array]]:
     """Equations, unknowns and parameters of the orbit that meets this one at border number `event`.
 
-    What happens at other phases in the same way, at the same parameter, happens in that orbit, too.
-    Where the parameter is quadratic in several such numbers, guesses are beside the border.
+    If the orbit meets borders of the same kind at other phases, as in both halves of a symmetric
+    orbit, the events change at all of them. If these are events without impacts, Newton's method
+    does not converge from the border itself. Then there are two guesses, one on either side of it.
     """
     solution = problem.at(x, p)
     borders = problem.borders(solution)
     border, found = borders[event], borders[event].neighbour(x, p)
     own = _meeting(problem, border, solution)
-    if found is None or own is None:
-        return [] if found is None else [(*found, p)]
+    if found is None:
+        return []
+    if own is None:
+        return [(*found, p)]
     alike = [_meeting(problem, each, solution) for each in borders if type(each) is type(border)]
     places = [each for each in alike if each and not _agree(problem, own, each)]
     for place in places:
