@@ -5,7 +5,11 @@ from __future__ import annotations
 import os
 import subprocess
 import sys
+from collections.abc import Callable
+from dataclasses import replace
+from functools import partial
 from pathlib import Path
+from types import FrameType
 from typing import Any
 from unittest.mock import patch
 
@@ -14,21 +18,24 @@ import pytest
 from hypothesis import given, strategies as st
 
 from dynkit.analysis.dimension import counting
-from dynkit.exponential import sums
+from dynkit.exponential import stacks, sums
 from dynkit.exponential.evaluation_kernels import CHANGE, LEAP, SEARCH
 from dynkit.exponential.propagators import cells_of_a_call
 from dynkit.exponential.sums import ExponentialSum, RootKind
-from dynkit.systems import ImpactChain
+from dynkit.systems import DryFriction, HardStop, ImpactChain, ImpactDuffing, SoftStop
 from dynkit.systems.impact.modes import mode
 from dynkit.systems.impact.records import second_moments
 from dynkit.systems.impact.simulation import (
+    automaton,
     clock_kernels,
+    joined_modes,
     loop_kernels as kernels,
     runs,
     trajectory,
 )
 from dynkit.systems.impact.simulation.runs import trajectory_of
 from dynkit.systems.impact.simulation.state import ImpactState
+from dynkit.systems.impact.simulation.taylor import automaton as taylor_automaton
 from dynkit.systems.impact.simulation.trajectory import Trajectory
 from dynkit.systems.impact.variational import tangents
 from tests.effort import share
@@ -200,6 +207,65 @@ def test_pairs_counted_in_pieces_are_the_same(euclidean: bool) -> None:
     whole = counted()
     with patch.object(counting, "_PAIRS_OF_A_CALL", 50):
         assert counted() == whole
+
+
+def rubbing() -> ImpactChain:
+    """A chain with a table, a belt and a soft stop, which has not moved."""
+    return ImpactChain(
+        masses=2,
+        frequency=0.9,
+        elements=[
+            HardStop(1, amplitude=0.1, restitution=0.4),
+            DryFriction(0, force=0.02, static=0.03, velocity=0.02),
+            SoftStop((0, 1), offset=-0.01, stiffness=20.0, damping=0.1),
+        ],
+    )
+
+
+def nonlinear() -> ImpactDuffing:
+    """A nonlinear spring with a table and friction, which has not moved."""
+    elements = HardStop(0, offset=-0.5, restitution=0.3), DryFriction(0, force=0.02)
+    return ImpactDuffing(frequency=1.2, force=0.4, elements=elements)
+
+
+def lines_of(run: Callable[[], object], *, until: int = -1) -> list[tuple[str, int]]:
+    """Lines of the modules that join modes, in order, in a run; the run is interrupted at one."""
+    files, seen = {module.__file__ for module in JOINING}, list[tuple[str, int]]()
+
+    def line(frame: FrameType, event: str, _: object) -> Any:
+        if event == "line":
+            if len(seen) == until:
+                raise KeyboardInterrupt
+            seen.append((frame.f_code.co_filename, frame.f_lineno))
+        return line
+
+    before = sys.gettrace()
+    sys.settrace(lambda frame, *_: line if frame.f_code.co_filename in files else None)
+    try:
+        run()
+    finally:
+        sys.settrace(before)
+    return seen
+
+
+JOINING = automaton, joined_modes, stacks, taylor_automaton
+
+
+@pytest.mark.parametrize("made", [rubbing, nonlinear])
+def test_after_an_interrupt_a_machine_moves_as_before(made: Callable[[], Any]) -> None:
+    def moved(machine: Any) -> tuple[Any, ...]:
+        found = trajectory_of(machine, machine.state(), 10, store=True)
+        return numbers(replace(found, cells=0))  # a search that pauses for a mode begins again
+
+    whole = moved(made())
+    lines = lines_of(partial(moved, made()))
+    assert len(set(lines)) > 20
+    last = {line: place for place, line in enumerate(lines)}
+    for place in last.values():
+        machine = made()
+        with pytest.raises(KeyboardInterrupt):
+            lines_of(partial(moved, machine), until=place)
+        assert moved(machine) == whole, lines[place]
 
 
 ENDLESS = """

@@ -98,11 +98,7 @@ class Automaton(JoinedModes):
 
     def _begin(self) -> None:
         """Remove all modes, guards and tables."""
-        self._ladders, self._stacked_modes = LadderStack(), 0
-        self._stack, self._of_guards = Stack(), Stack()
-        self._slots = 0
-        self._joined: dict[int, int] = {}
-        self._rows: dict[int, int] = {}
+        self._unstack()
         self._changes: dict[tuple[int, int], list[Array]] = {}
         self._forget()
         self._tables: Any = None
@@ -110,6 +106,14 @@ class Automaton(JoinedModes):
         self.table: NDArray[np.intp] = np.empty((0, 4), dtype=np.intp)
         self.start: Any = None
         self._grips: dict[int, Grip] = {}
+
+    def _unstack(self) -> None:
+        """Remove the arrays of which the tables are parts."""
+        self._ladders, self._stacked_modes = LadderStack(), 0
+        self._stack, self._of_guards = Stack(), Stack()
+        self._slots = 0
+        self._joined: dict[int, int] = {}
+        self._rows: dict[int, int] = {}
 
     def turned(self, excitation: Excitation) -> Automaton:
         """The automaton, which has hard stops only, at another frequency.
@@ -168,15 +172,19 @@ class Automaton(JoinedModes):
                 ahead = g.opens < 0 and g.watch.event != REST
                 loose = g.watch.event != JAM and (g is guard or ahead)
                 if g.partner < 0 and loose and self._after(g) in self.regimes:
-                    self._join(g)
                     self._tables = None
+                    self._join(g)
 
     @property
     def tables(self) -> Any:
         """The tables of the kernels."""
         with self._lock:
             if self._tables is None:
-                self._tables = self._stacked()
+                try:
+                    self._tables = self._stacked()
+                except BaseException:  # an interrupt leaves no part of an array
+                    self._unstack()
+                    raise
                 if len(self.modes) == 1:
                     self._first = self.table, self._tables
             return self._tables
@@ -252,31 +260,28 @@ class Automaton(JoinedModes):
 
     def _join(self, guard: Guard) -> None:
         """Set the next mode of a guard, and the change of the state at the guard's zero."""
-        one, guard.target = self.modes[guard.mode], self._number(self._after(guard))
-        guard.partner = self.guard(guard.target, guard.element)
+        one, target = self.modes[guard.mode], self._number(self._after(guard))
         rests = guard.watch.event in (IMPACT, REST)
         stop = self._elements[guard.element] if rests else None
-        guard.change = self.modes[guard.target].seen_from(one, stop)
+        change = self.modes[target].seen_from(one, stop)
         lands = guard.watch.event == JUMP and guard.element in self.parts.normal
-        if lands and self.parts.now(self.regimes[guard.target])[guard.element].sticks:
-            guard.change = stopping(guard.change, one, self._elements[guard.element])
-        before, sticking = (
-            self.parts.grips(self.regimes[k])[1] for k in (guard.mode, guard.target)
-        )
+        if lands and self.parts.now(self.regimes[target])[guard.element].sticks:
+            change = stopping(change, one, self._elements[guard.element])
+        before, sticking = (self.parts.grips(self.regimes[k])[1] for k in (guard.mode, target))
         halts = guard.watch.event == HALT or guard.element in self.parts.sliders
         halts = halts or guard.element in self.parts.normal
         for k in (k for k in sticking if (rests if k in before else halts)):
             # The rate of a sticking element is exactly that of its surface.
-            layout = self.modes[guard.target].layout
+            layout = self.modes[target].layout
             own = layout.modes[sticking.index(k) - len(sticking)]
-            guard.change[layout.slots + own] = 0.0
-            guard.change[layout.slots + own, -1] = self._elements[k].drift
-        alike = self._changes.setdefault((guard.mode, guard.target), [])
-        for change in alike:
-            if np.array_equal(change, guard.change):
-                guard.change = change
-                return
-        alike.append(guard.change)
+            change[layout.slots + own] = 0.0
+            change[layout.slots + own, -1] = self._elements[k].drift
+        alike = self._changes.setdefault((guard.mode, target), [])
+        known = next((given for given in alike if np.array_equal(given, change)), None)
+        if known is None:
+            alike.append(change)
+        guard.change, guard.target = change if known is None else known, target
+        guard.partner = self.guard(target, guard.element)  # last: the guard is now joined
 
     def _stacked(self) -> Any:
         from dynkit.systems.impact.simulation.contact_kernels import Tables

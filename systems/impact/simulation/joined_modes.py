@@ -119,7 +119,12 @@ class JoinedModes(ABC):
     def _number(self, regimes: tuple[int, ...]) -> int:
         with self._lock:
             if regimes not in self.regimes:
-                self._build(regimes)
+                modes, guards = len(self.modes), len(self.guards)
+                try:
+                    self._build(regimes)
+                except BaseException:  # an interrupt leaves no part of a mode
+                    del self.modes[modes:], self.regimes[modes:], self.guards[guards:]
+                    raise
             return self.regimes.index(regimes)
 
     @abstractmethod

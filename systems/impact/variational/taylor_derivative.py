@@ -45,7 +45,7 @@ def followed(oscillator: DrivenStructure, run: Trajectory, lifted: Array) -> tup
         mode: TaylorMode = automaton.modes[int(s.mode[i])]
         state, duration = s.states[i], float(s.begin[i + 1] - s.begin[i])
         guard = automaton.guards[int(s.guard[i + 1])]
-        number = int(s.guard[i + 1]) - automaton.first[guard.mode]
+        number = int(s.guard[i + 1]) - automaton.guard(guard.mode, -1)
         final = oscillator._strobed and not oscillator._cycled and i == last - 1
         for j, k in enumerate(mode.scene.sliders):
             if not mode.regimes[k].anchored:

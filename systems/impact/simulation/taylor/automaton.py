@@ -26,8 +26,6 @@ class TaylorAutomaton(JoinedModes):
 
     Attributes
     ----------
-    first : list of int
-        Number of the first guard of each mode.
     table : (guards, 4)
         For each guard: its mode, its element, the next mode, and the kind of the event.
     """
@@ -37,7 +35,6 @@ class TaylorAutomaton(JoinedModes):
         self._elements = scene.elements
         self.parts = parts
         self._forget()
-        self.first: list[int] = []
         hit = any(isinstance(element, HardStop) for element in scene.elements)
         idle = not (hit or scene.excitation.turns)
         self._cycled = cycled_by(scene.elements) if idle else None
@@ -52,8 +49,8 @@ class TaylorAutomaton(JoinedModes):
         """Number of the mode that a guard leads to; it is built if no motion has entered it."""
         guard = self.guards[number]
         if guard.target < 0:
-            guard.target = self._number(self.parts.after(self.regimes[guard.mode], guard))
-            guard.partner = self.guard(guard.target, guard.element)
+            target = self._number(self.parts.after(self.regimes[guard.mode], guard))
+            guard.partner, guard.target = self.guard(target, guard.element), target
         return guard.target
 
     def _build(self, regimes: tuple[int, ...]) -> None:
@@ -62,7 +59,6 @@ class TaylorAutomaton(JoinedModes):
         watched = self.parts.watches(regimes, riding)
         watched.sort(key=lambda pair: (pair[1].at_once, pair[0] in self.parts.sliders))
         mode = TaylorMode(self._scene, now, grips, watched, self.parts.tractions(regimes))
-        self.first.append(len(self.guards))
         self.modes.append(mode)
         self.regimes.append(regimes)
         for k, watch in watched:

@@ -83,7 +83,8 @@ class Position:
         self._mode.settled(self._chart, self._z)
         self._touch()
         self._kicks: dict[int, Array | None] = {}
-        self._first, self._fixed = self._automaton.first[self._number], self._mode.constant_kicks
+        self._first = self._automaton.guard(self._number, -1)
+        self._fixed = self._mode.constant_kicks
         events = [self._automaton.guards[self._first + i] for i in range(len(self._mode.guards))]
         self._plain = all(guard.watch.event == IMPACT for guard in events)
 
