@@ -25,7 +25,7 @@ from dynkit.sweeps.basins.result import Basins
 from dynkit.sweeps.plan import KIND as SWEEP
 from dynkit.sweeps.planes.plan import KIND as PLANE
 from dynkit.sweeps.planes.result import ParameterMap
-from dynkit.sweeps.result import Sweep
+from dynkit.sweeps.sweeping import Sweep
 from dynkit.systems.impact.impact_map import ImpactMap
 from dynkit.systems.impact.simulation.driven_structure import OF_TABLE
 

@@ -122,6 +122,16 @@ def write(path: Path, archive: Archive) -> None:
         target.write(data)
 
 
+def save(store: str | os.PathLike[str], archive: Archive) -> None:
+    """Write a store, while no other process writes it; ValueError where it cannot be written."""
+    path = place(store)
+    with locked(path):
+        try:
+            write(path, archive)
+        except OSError as failure:
+            raise ValueError(files.reason(failure)) from failure
+
+
 def locked(path: Path) -> AbstractContextManager[None]:
     """Lock a store against other processes; see `dynkit.data.atomic_files.locked`.
 

@@ -14,7 +14,7 @@ from dynkit.core.no_motion import Diverged, NoCrossing, NoMotion, Refused
 from dynkit.core.validation import Array
 from dynkit.dynamics.attractor import Attractor
 from dynkit.dynamics.map import Map
-from dynkit.engine.points import Anything, Rows
+from dynkit.engine.collecting import Anything, Rows
 from dynkit.labels.columns import empty_columns, put_label
 from dynkit.labels.label import OrbitKind, OrbitLabel
 

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dynkit.core.validation import Array
-from dynkit.engine.points import Rows, chunks_of
+from dynkit.engine.collecting import Rows, chunks_of
 from dynkit.labels.columns import KINDS, label_in
 from dynkit.labels.label import OrbitKind, OrbitLabel
 from dynkit.sweeps.basins.basin import Basin
