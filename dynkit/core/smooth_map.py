@@ -404,13 +404,8 @@ class SmoothMap(Family, ABC):
         """
         with np.errstate(over="ignore", invalid="ignore", divide="ignore"):
             for i in range(1, len(states)):
-                states[i] = self._returned(states[i - 1])
+                states[i] = returned(self, self(states[i - 1]), states.shape[1])
                 refuse_infinite(states[i], i)
-
-    @final
-    def _returned(self, state: Array) -> Array:
-        """Return the next state, (d,); ValueError when the call does not return such an array."""
-        return returned(self, self(state), self.dimension)
 
     @final
     def image(self, state: Array) -> Array:
@@ -424,7 +419,7 @@ class SmoothMap(Family, ABC):
             When the call returns numbers that are not finite.
         """
         with np.errstate(over="ignore", invalid="ignore", divide="ignore"):
-            found = self._returned(state)
+            found = returned(self, self(state), self.dimension)
         refuse_infinite(found, 1)
         return found
 

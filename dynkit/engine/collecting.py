@@ -212,7 +212,8 @@ def collect(
             done = int(findings.done.sum())
             bar = tqdm(total=findings.count, initial=done, unit="point", file=sys.stderr)
             opened.enter_context(bar)
-        for number, rows in finished(points.work, tasks, executor):
+        found = map(points.work, tasks) if executor is None else None
+        for number, rows in enumerate(found) if found else finished(points.work, tasks, executor):
             findings.add(slice(*left[number]), rows)
             if write is not None:
                 write()
