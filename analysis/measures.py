@@ -23,7 +23,7 @@ from dynkit.analysis.running import (
 from dynkit.core.cost import Cost
 from dynkit.core.kept import cached_property
 from dynkit.core.validation import Array, boolean, of_type
-from dynkit.data import store as stores
+from dynkit.data import atomic_files as files, store as stores
 from dynkit.data.result import archive_of, read_result
 from dynkit.dynamics.attractor import Attractor
 from dynkit.dynamics.stream import Stream
@@ -205,10 +205,10 @@ def measure(
         box = [new]
         _follow(stream, box, None, shown=shown)
         return box[0]
-    path, entries = stores.place(store), _entries(stream, new)
+    path, entries = files.place("store", store), _entries(stream, new)
     box = [_found(path, entries, new)]
     if box[0].states < stream.keep:
-        with stores.locked(path):
+        with files.locked("store", path):
             # another process may have written the store since
             existed, box[0] = path.exists(), _found(path, entries, new)
             kept = kept_in(path, lambda: archive_of(box[0], entries), lambda: box[0].states)

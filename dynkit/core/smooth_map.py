@@ -7,10 +7,9 @@ from typing import Any, ClassVar, final
 import numpy as np
 
 from dynkit.core.differences import numerical_derivative, parameter_difference
-from dynkit.core.frames import stretched
 from dynkit.core.no_motion import Diverged, replaced
 from dynkit.core.parameters import Family
-from dynkit.core.stretching import Stretching, product_with_error
+from dynkit.core.stretching import Stretching, stretched
 from dynkit.core.validation import (
     Array,
     all_finite,
@@ -422,6 +421,20 @@ class SmoothMap(Family, ABC):
             found = returned(self, self(state), self.dimension)
         refuse_infinite(found, 1)
         return found
+
+
+def product_with_error(factors: Array, errors: Array) -> tuple[Array, float]:
+    """Return the product A_n ... A_1 of factors (n, d, d), and a bound of the error of an entry.
+
+    `errors` (n,) bound the errors of the entries of each factor. The bound is of first order in
+    them and leaves out rounding.
+    """
+    product, error = factors[0], np.full(factors[0].shape, errors[0])
+    for factor, off in zip(factors[1:], errors[1:], strict=True):
+        # bound each entry: with norms of factors the units of different coordinates would mix
+        error = abs(factor) @ error + off * abs(product).sum(axis=0)
+        product = factor @ product
+    return product, float(error.max())
 
 
 def checked_map(system: object, kind: type = SmoothMap, what: str = "a Map") -> Any:

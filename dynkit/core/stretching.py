@@ -1,5 +1,6 @@
 """Stretching of a frame of directions along a motion, for Lyapunov exponents."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any, final
 
@@ -46,15 +47,21 @@ class Stretching:
             object.__setattr__(self, "final", self.state)
 
 
-def product_with_error(factors: Array, errors: Array) -> tuple[Array, float]:
-    """Return the product A_n ... A_1 of factors (n, d, d), and a bound of the error of an entry.
+def stretched(steps: Sequence[Sequence[Any]], frame: Array) -> tuple[Array, Array]:
+    """Carry a frame (d, k) by n steps, in place; return the logs (n, k) of its growth and errors.
 
-    `errors` (n,) bound the errors of the entries of each factor. The bound is of first order in
-    them and leaves out rounding.
+    A step has factors (m, d, d) and errors (m,) of their entries. It may also have the number of
+    directions that are known to be lost in each factor: see `stretching_kernels.carry`.
     """
-    product, error = factors[0], np.full(factors[0].shape, errors[0])
-    for factor, off in zip(factors[1:], errors[1:], strict=True):
-        # bound each entry: with norms of factors the units of different coordinates would mix
-        error = abs(factor) @ error + off * abs(product).sum(axis=0)
-        product = factor @ product
-    return product, float(error.max())
+    from dynkit.core.stretching_kernels import decompose
+
+    factors, off = (np.concatenate([step[i] for step in steps]) for i in range(2))
+    counts = [len(step[0]) for step in steps]
+    lost = np.repeat([step[2] if len(step) > 2 else 0 for step in steps], counts)
+    logs, errors = np.empty((2, len(factors), frame.shape[1]))
+    decompose(np.ascontiguousarray(factors), off, lost, frame, logs, errors)
+    first = np.cumsum([0, *counts[:-1]])
+    logs, errors = (np.add.reduceat(each, first, axis=0) for each in (logs, errors))
+    # a length of zero is exact
+    errors[np.isneginf(logs)] = 0.0
+    return logs, errors

@@ -16,7 +16,7 @@ from dynkit._version import __version__
 from dynkit.core.parameters import Family
 from dynkit.core.reprs import Facts, Tabled, table
 from dynkit.core.smooth_map import checked_map
-from dynkit.data import store
+from dynkit.data import atomic_files as files, store
 from dynkit.data.codec import decoded, encoded
 from dynkit.data.dataset import Dataset
 
@@ -208,7 +208,7 @@ def read_result(
     ValueError
         When the store holds a result of another kind, or is incomplete.
     """
-    file = store.place(path)
+    file = files.place("store", path)
     archive = store.read(file)
     name, held = kind.__name__, archive.entries.get("kind")
     if held != name:

@@ -14,8 +14,7 @@ from dynkit.core.kept import cached_property
 from dynkit.core.no_motion import NoMotion
 from dynkit.core.overriding import Extensible
 from dynkit.core.reprs import Facts, system_repr
-from dynkit.core.smooth_map import SmoothMap, checked_map
-from dynkit.core.stretching import product_with_error
+from dynkit.core.smooth_map import SmoothMap, checked_map, product_with_error
 from dynkit.core.validation import (
     Array,
     finite_array,

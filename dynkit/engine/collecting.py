@@ -22,8 +22,7 @@ from numpy.typing import NDArray
 from dynkit._version import __version__
 from dynkit.core.cost import Cost
 from dynkit.core.validation import boolean, positive_integer
-from dynkit.data import store as stores
-from dynkit.data.atomic_files import reason
+from dynkit.data import atomic_files as files, store as stores
 from dynkit.engine.executors import finished
 
 Anything: TypeAlias = NDArray[Any]
@@ -191,14 +190,14 @@ def collect(
         When the store becomes impossible to write during the run.
     """
     shown = boolean("progress", progress)
-    path = None if store is None else stores.place(store)
+    path = None if store is None else files.place("store", store)
     findings = _found(points, path)
     if findings.done.all():  # a complete store needs neither a lock nor a writable folder
         return findings.rows()
     with ExitStack() as opened:
         write = None
         if path is not None:
-            opened.enter_context(stores.locked(path))
+            opened.enter_context(files.locked("store", path))
             findings = _found(points, path)  # another process may have written since
             archived = partial(_archived, points, findings)
             write = opened.enter_context(kept_in(path, archived, findings.done.sum))
@@ -386,7 +385,7 @@ def kept_in(
     try:
         write()
     except OSError as failure:
-        raise ValueError(reason(failure)) from failure
+        raise ValueError(files.reason(failure)) from failure
     try:
         yield write
     finally:

@@ -11,8 +11,7 @@ import numpy as np
 from dynkit.core.cost import Cost
 from dynkit.core.kept import cached_property
 from dynkit.core.no_motion import NoMotion
-from dynkit.core.smooth_map import SmoothMap, proper_divisors
-from dynkit.core.stretching import product_with_error
+from dynkit.core.smooth_map import SmoothMap, product_with_error, proper_divisors
 from dynkit.core.validation import Array, returned
 from dynkit.orbits.equations import NOISE
 from dynkit.orbits.families import FamilyProblem

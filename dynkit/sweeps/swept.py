@@ -8,7 +8,7 @@ from dataclasses import replace
 from typing import Any, ClassVar, Self
 
 from dynkit.core.smooth_map import checked_map
-from dynkit.data import store
+from dynkit.data import atomic_files as files, store
 from dynkit.data.result import Result
 from dynkit.dynamics.map import Map
 from dynkit.engine.collecting import Rows, read_rows, refuse_misfits, refuse_other, save_rows
@@ -58,7 +58,7 @@ class Swept(Result):
             When the file is missing, damaged or not a store of such a result, when the run is not
             finished, or was made with another system.
         """
-        file = store.place(path)
+        file = files.place("store", path)
         archive, found = read_rows(file, cls._kind)
         with store.understood(file, cls._kind):
             points = cls._points_in(archive)

@@ -15,8 +15,7 @@ from dynkit.core.validation import Array
 from dynkit.dynamics.attractor import Attractor
 from dynkit.dynamics.map import Map
 from dynkit.engine.collecting import Anything, Rows
-from dynkit.labels.columns import empty_columns, put_label
-from dynkit.labels.label import OrbitKind, OrbitLabel
+from dynkit.labels.label import OrbitKind, OrbitLabel, empty_columns, put_label
 
 UNSETTLED, RUNS_AWAY, NO_CROSSING, NO_STATE, NO_MOTION = -1, -2, -3, -4, -5
 

@@ -19,7 +19,7 @@ from dynkit.data.store import identity_of
 from dynkit.dynamics.attractor import Attractor
 from dynkit.dynamics.map import Map
 from dynkit.engine.collecting import MOST_POINTS, Anything, Columns, Findings, Points, Rows
-from dynkit.labels.columns import COLUMNS, empty_columns, put_label
+from dynkit.labels.label import COLUMNS, empty_columns, put_label
 from dynkit.sweeps.plan import start_of, swept_values
 
 KIND = "map of two parameters"

@@ -21,8 +21,7 @@ from dynkit.data.dataset import Dataset, described
 from dynkit.data.store import Archive
 from dynkit.dynamics.attractor import Attractor
 from dynkit.engine.collecting import Rows
-from dynkit.labels.columns import KINDS, label_in
-from dynkit.labels.label import OrbitKind, OrbitLabel
+from dynkit.labels.label import KINDS, OrbitKind, OrbitLabel, label_in
 from dynkit.sweeps.planes.plan import KIND, OTHER_ENDS, Plan
 from dynkit.sweeps.swept import Swept
 from dynkit.viewer.page import Page
