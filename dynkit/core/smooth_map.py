@@ -403,8 +403,9 @@ class SmoothMap(Family, ABC):
         """
         with np.errstate(over="ignore", invalid="ignore", divide="ignore"):
             for i in range(1, len(states)):
-                states[i] = returned(self, self(states[i - 1]), states.shape[1])
-                refuse_infinite(states[i], i)
+                states[i] = found = returned(self, self(states[i - 1]), states.shape[1])
+                if not all_finite(found):
+                    refuse_infinite(found, i)
 
     @final
     def image(self, state: Array) -> Array:

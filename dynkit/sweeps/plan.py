@@ -137,7 +137,8 @@ class Plan(Points):
             displaced.append(moved)
             finals.append(system.pack_state(motion.final))
             endings.append(str(motion.ending.value))
-            work.update(motion.cost.counts)
+            for name, count in motion.cost.counts.items():
+                work[name] += count
         arrays: dict[str, Anything] = {f"observables/{name}": rows for name, rows in kept.items()}
         arrays |= {
             "final": np.array(finals),
