@@ -199,7 +199,8 @@ def _decided(source: OrbitSource, kept: int, tolerance: float, budget: int | Non
         if period is not None:
             return _periodic_label(orbit, period, window, tolerance, spent)
         if ends:
-            neutral = not orbit.decays and _neither_part_nor_meet(growth, spent)
+            # without a measured growth the motion is unsettled, whatever its states show
+            neutral = growth and not orbit.decays and _neither_part_nor_meet(growth, spent)
             rotation = rotation_of(orbit, tolerance, source.accuracy) if neutral else None
             if rotation and _is_certain(window, orbit.count - 1, orbit.scale, tolerance):
                 return _quasi_periodic_label(rotation, tolerance, spent)
