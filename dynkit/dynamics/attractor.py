@@ -285,7 +285,7 @@ class MapAttractor(Attractor, SavedWithSystem):
         states[0] = self._start
         system.iterate_into(states)
         self._states = read_only(states[self._transient :])
-        self._cost = Cost(time.perf_counter() - began, {"iterates": self._last})
+        self._cost = Cost(time.perf_counter() - began, {"iterates": count - 1})
 
     def _restored(self) -> Self:
         d = self._system.dimension

@@ -58,6 +58,7 @@ class Plan(Points):
     observables: tuple[str, ...]
     start: Array
     follow: bool
+    # in `work` alone: the system at the value simulated last, and that value with its last state
     _known: dict[str, Any] = field(default_factory=dict, init=False, repr=False)
 
     def __len__(self) -> int:
