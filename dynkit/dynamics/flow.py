@@ -12,7 +12,8 @@ import numpy as np
 from dynkit.core.differences import numerical_derivative, parameter_difference
 from dynkit.core.no_motion import Diverged, replaced
 from dynkit.core.parameters import Family
-from dynkit.core.stretching import CLEAR, Stretching, stretched
+from dynkit.core.smooth_map import stretched
+from dynkit.core.stretching import CLEAR, Stretching
 from dynkit.core.validation import (
     finite_array,
     finite_scalar,

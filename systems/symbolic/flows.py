@@ -12,7 +12,8 @@ import numpy as np
 
 from dynkit.core.kept import cached_property
 from dynkit.core.no_motion import CannotFollow, NoCrossing
-from dynkit.core.stretching import Stretching, stretched
+from dynkit.core.smooth_map import stretched
+from dynkit.core.stretching import Stretching
 from dynkit.core.validation import (
     Array,
     non_negative,
