@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 import sys
 import time
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from copy import deepcopy
 from pathlib import Path
 from typing import Any, ClassVar, NamedTuple, final
@@ -23,11 +23,11 @@ from dynkit.analysis.running import (
 from dynkit.core.cost import Cost
 from dynkit.core.kept import cached_property
 from dynkit.core.validation import Array, boolean, of_type
-from dynkit.data import store as stores
+from dynkit.data import atomic_files as files, store as stores
 from dynkit.data.result import archive_of, read_result
 from dynkit.dynamics.attractor import Attractor
 from dynkit.dynamics.stream import Stream
-from dynkit.engine.collecting import Keeper, refuse_other_version
+from dynkit.engine.collecting import kept_in, refuse_other_version
 
 
 class _Slot(NamedTuple):
@@ -205,16 +205,16 @@ def measure(
         box = [new]
         _follow(stream, box, None, shown=shown)
         return box[0]
-    path, entries = stores.place(store), _entries(stream, new)
+    path, entries = files.place("store", store), _entries(stream, new)
     box = [_found(path, entries, new)]
     if box[0].states < stream.keep:
-        with stores.locked(path):
+        with files.locked("store", path):
             # another process may have written the store since
             existed, box[0] = path.exists(), _found(path, entries, new)
-            keeper = Keeper(path, lambda: archive_of(box[0], entries), lambda: box[0].states)
+            kept = kept_in(path, lambda: archive_of(box[0], entries), lambda: box[0].states)
             try:
-                with keeper:
-                    _follow(stream, box, keeper, shown=shown)
+                with kept as write:
+                    _follow(stream, box, write, shown=shown)
             except ValueError:  # a wrong argument, such as the name of an observable
                 if not (existed or box[0].states):
                     path.unlink(missing_ok=True)
@@ -235,7 +235,9 @@ def _checked(measures: object) -> Mapping[str, Running]:
     return measures
 
 
-def _follow(stream: Stream, box: list[Measures], keeper: Keeper | None, *, shown: bool) -> None:
+def _follow(
+    stream: Stream, box: list[Measures], write: Callable[[], None] | None, *, shown: bool
+) -> None:
     """Measure the remaining blocks; the only entry of `box` is replaced after each block."""
     from tqdm import tqdm
 
@@ -246,8 +248,8 @@ def _follow(stream: Stream, box: list[Measures], keeper: Keeper | None, *, shown
     ) as bar:
         for block in stream.blocks_after(done, final_state):
             box[0] = box[0]._after(block)
-            if keeper is not None:
-                keeper.write_when_due()
+            if write is not None:
+                write()
             bar.update(len(block.states))
 
 

@@ -12,8 +12,7 @@ import numpy as np
 
 from dynkit.core.no_motion import NoMotion
 from dynkit.core.validation import Array, ascending, finite_array, read_only
-from dynkit.dynamics.attractor import Attractor
-from dynkit.dynamics.map_attractor import MapAttractor
+from dynkit.dynamics.attractor import Attractor, MapAttractor
 from dynkit.plotting.points import displacement
 
 # Default time series: periods of the forcing, and samples per period.

@@ -23,12 +23,11 @@ from .core.no_motion import (
 )
 from .core.parameters import Family as Family
 from .data.dataset import Dataset as Dataset
-from .dynamics.attractor import Attractor as Attractor
+from .dynamics.attractor import Attractor as Attractor, MapAttractor as MapAttractor
 from .dynamics.equilibrium import Equilibrium as Equilibrium, equilibrium as equilibrium
 from .dynamics.flow import Flow as Flow
 from .dynamics.hybrid_flow import HybridFlow as HybridFlow, ResetMap as ResetMap
 from .dynamics.map import Map as Map
-from .dynamics.map_attractor import MapAttractor as MapAttractor
 from .dynamics.poincare_map import PoincareMap as PoincareMap
 from .dynamics.section import (
     Hyperplane as Hyperplane,

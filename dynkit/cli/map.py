@@ -33,7 +33,7 @@ from dynkit.cli.options import OBSERVABLE, SYSTEM, Asked, Option, options_of
 from dynkit.cli.output import OUT, counted, files_of, plotted, print_summary, write
 from dynkit.core.reprs import costing, span
 from dynkit.core.validation import finite_scalar, positive_integer
-from dynkit.engine.points import MOST_POINTS
+from dynkit.engine.collecting import MOST_POINTS
 from dynkit.sweeps.planes import parameter_map
 
 if TYPE_CHECKING:

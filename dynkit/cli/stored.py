@@ -15,6 +15,7 @@ from dynkit.continuation.results.branch import Branch
 from dynkit.continuation.results.solution_curve import SolutionCurve
 from dynkit.core.no_motion import NoMotion
 from dynkit.data import store
+from dynkit.data.atomic_files import place
 from dynkit.dynamics.equilibrium import equilibrium
 from dynkit.dynamics.flow import Flow
 from dynkit.dynamics.map import Map
@@ -25,7 +26,7 @@ from dynkit.sweeps.basins.result import Basins
 from dynkit.sweeps.plan import KIND as SWEEP
 from dynkit.sweeps.planes.plan import KIND as PLANE
 from dynkit.sweeps.planes.result import ParameterMap
-from dynkit.sweeps.result import Sweep
+from dynkit.sweeps.sweeping import Sweep
 from dynkit.systems.impact.impact_map import ImpactMap
 from dynkit.systems.impact.simulation.driven_structure import OF_TABLE
 
@@ -47,7 +48,7 @@ def loaded(path: str) -> Any:
     ValueError
         When the file is missing, too large, damaged, or no store of a result that is shown.
     """
-    file = store.place(path)
+    file = place("store", path)
     if file.is_file() and file.stat().st_size > _LARGEST:
         size = file.stat().st_size / 1e9
         raise ValueError(f"results must be at most 2 GB; got {size:.1f} GB in {file}")

@@ -2,13 +2,14 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from math import inf
 from types import MappingProxyType
 from typing import final
 
 from dynkit.core.validation import non_negative, non_negative_integer
 
 _SMALL = 2**32
-"""Python integers from 0 to this skip the full check, because a sweep makes many counts."""
+"""Python integers from 0 to this, and floats, skip the full check: a sweep makes many counts."""
 
 
 @final
@@ -44,7 +45,8 @@ class Cost:
             else non_negative_integer(f"counts[{name!r}]", count)
             for name, count in self.counts.items()
         }
-        object.__setattr__(self, "seconds", non_negative("seconds", self.seconds))
+        if not (type(self.seconds) is float and 0.0 <= self.seconds < inf):
+            object.__setattr__(self, "seconds", non_negative("seconds", self.seconds))
         object.__setattr__(self, "counts", MappingProxyType(counts))
 
     def __add__(self, other: "Cost") -> "Cost":

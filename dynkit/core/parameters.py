@@ -37,7 +37,8 @@ class Family(Extensible, Shown):
         super().__init_subclass__(**options)
 
     def __new__(cls, *_: Any, **__: Any) -> Self:
-        _make_dataclass(cls)
+        if "__dataclass_fields__" not in vars(cls):
+            _make_dataclass(cls)
         return super().__new__(cls)
 
     @property

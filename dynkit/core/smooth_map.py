@@ -7,10 +7,9 @@ from typing import Any, ClassVar, final
 import numpy as np
 
 from dynkit.core.differences import numerical_derivative, parameter_difference
-from dynkit.core.frames import stretched
 from dynkit.core.no_motion import Diverged, replaced
 from dynkit.core.parameters import Family
-from dynkit.core.stretching import Stretching, product_with_error
+from dynkit.core.stretching import Stretching
 from dynkit.core.validation import (
     Array,
     all_finite,
@@ -404,13 +403,9 @@ class SmoothMap(Family, ABC):
         """
         with np.errstate(over="ignore", invalid="ignore", divide="ignore"):
             for i in range(1, len(states)):
-                states[i] = self._returned(states[i - 1])
-                refuse_infinite(states[i], i)
-
-    @final
-    def _returned(self, state: Array) -> Array:
-        """Return the next state, (d,); ValueError when the call does not return such an array."""
-        return returned(self, self(state), self.dimension)
+                states[i] = found = returned(self, self(states[i - 1]), states.shape[1])
+                if not all_finite(found):
+                    refuse_infinite(found, i)
 
     @final
     def image(self, state: Array) -> Array:
@@ -424,9 +419,43 @@ class SmoothMap(Family, ABC):
             When the call returns numbers that are not finite.
         """
         with np.errstate(over="ignore", invalid="ignore", divide="ignore"):
-            found = self._returned(state)
+            found = returned(self, self(state), self.dimension)
         refuse_infinite(found, 1)
         return found
+
+
+def stretched(steps: Sequence[Sequence[Any]], frame: Array) -> tuple[Array, Array]:
+    """Carry a frame (d, k) by n steps, in place; return the logs (n, k) of its growth and errors.
+
+    A step has factors (m, d, d) and errors (m,) of their entries. It may also have the number of
+    directions that are known to be lost in each factor: see `stretching_kernels.carry`.
+    """
+    from dynkit.core.stretching_kernels import decompose
+
+    factors, off = (np.concatenate([step[i] for step in steps]) for i in range(2))
+    counts = [len(step[0]) for step in steps]
+    lost = np.repeat([step[2] if len(step) > 2 else 0 for step in steps], counts)
+    logs, errors = np.empty((2, len(factors), frame.shape[1]))
+    decompose(np.ascontiguousarray(factors), off, lost, frame, logs, errors)
+    first = np.cumsum([0, *counts[:-1]])
+    logs, errors = (np.add.reduceat(each, first, axis=0) for each in (logs, errors))
+    # a length of zero is exact
+    errors[np.isneginf(logs)] = 0.0
+    return logs, errors
+
+
+def product_with_error(factors: Array, errors: Array) -> tuple[Array, float]:
+    """Return the product A_n ... A_1 of factors (n, d, d), and a bound of the error of an entry.
+
+    `errors` (n,) bound the errors of the entries of each factor. The bound is of first order in
+    them and leaves out rounding.
+    """
+    product, error = factors[0], np.full(factors[0].shape, errors[0])
+    for factor, off in zip(factors[1:], errors[1:], strict=True):
+        # bound each entry: with norms of factors the units of different coordinates would mix
+        error = abs(factor) @ error + off * abs(product).sum(axis=0)
+        product = factor @ product
+    return product, float(error.max())
 
 
 def checked_map(system: object, kind: type = SmoothMap, what: str = "a Map") -> Any:

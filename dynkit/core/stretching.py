@@ -3,8 +3,6 @@
 from dataclasses import dataclass
 from typing import Any, final
 
-import numpy as np
-
 from dynkit.core.validation import Array
 
 CLEAR = 1e3
@@ -44,17 +42,3 @@ class Stretching:
     def __post_init__(self) -> None:
         if self.final is None:
             object.__setattr__(self, "final", self.state)
-
-
-def product_with_error(factors: Array, errors: Array) -> tuple[Array, float]:
-    """Return the product A_n ... A_1 of factors (n, d, d), and a bound of the error of an entry.
-
-    `errors` (n,) bound the errors of the entries of each factor. The bound is of first order in
-    them and leaves out rounding.
-    """
-    product, error = factors[0], np.full(factors[0].shape, errors[0])
-    for factor, off in zip(factors[1:], errors[1:], strict=True):
-        # bound each entry: with norms of factors the units of different coordinates would mix
-        error = abs(factor) @ error + off * abs(product).sum(axis=0)
-        product = factor @ product
-    return product, float(error.max())

@@ -8,7 +8,7 @@ import os
 from collections.abc import Callable, Iterable
 from functools import cache
 from types import UnionType
-from typing import Any, TypeAlias, TypeGuard, TypeVar
+from typing import Any, TypeAlias, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -323,9 +323,20 @@ def finite_array(name: str, value: object, shape: tuple[int | None, ...]) -> Arr
     ...
     ValueError: state must have shape (3,); got shape (2,)
     """
-    if _is_fit(value, shape):
-        return value
-    array = _real_array(name, value)
+    if (
+        type(value) is np.ndarray
+        and value.dtype is _DOUBLES
+        and value.shape == shape
+        and value.ndim == 1
+        and value.size <= _SHORT
+        and math.isfinite(sum(value.tolist()))
+    ):
+        return value  # already a short finite vector of this shape, such as a map's state
+    unmasked(name, value)
+    array = regular_array(name, value)
+    if array.dtype.kind not in "iuf" and array.size:
+        raise _refusal(name, "be an array of real numbers", value)
+    array = np.asarray(array, dtype=np.float64)
     lengths = array.shape
     if len(lengths) != len(shape) or any(
         asked is not None and asked != found for asked, found in zip(shape, lengths, strict=True)
@@ -438,18 +449,6 @@ def _is_column(lengths: tuple[int, ...], shape: tuple[int | None, ...]) -> bool:
     return len(lengths) == 1 and len(shape) == 2 and shape[0] is None and shape[1] in (None, 1)
 
 
-def _is_fit(value: object, shape: tuple[int | None, ...]) -> TypeGuard[Array]:
-    """Whether the value is already a short finite vector of this shape, such as a map's state."""
-    return (
-        type(value) is np.ndarray
-        and value.dtype is _DOUBLES
-        and value.shape == shape
-        and value.ndim == 1
-        and value.size <= _SHORT
-        and math.isfinite(sum(value.tolist()))
-    )
-
-
 def all_finite(numbers: Array) -> bool:
     """Whether all numbers of a real array are finite."""
     # the sum of finite numbers may overflow: then the full check decides
@@ -469,14 +468,6 @@ def regular_array(name: str, value: object, numbers: str = "real") -> Any:
         return np.asarray(value)
     except ValueError:
         raise _refusal(name, f"be an array of {numbers} numbers", value) from None
-
-
-def _real_array(name: str, value: object) -> Array:
-    unmasked(name, value)
-    array = regular_array(name, value)
-    if array.dtype.kind not in "iuf" and array.size:
-        raise _refusal(name, "be an array of real numbers", value)
-    return np.asarray(array, dtype=np.float64)
 
 
 def _integer_from(least: int, name: str, limit: str, value: object) -> int:

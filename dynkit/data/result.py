@@ -16,8 +16,7 @@ from dynkit._version import __version__
 from dynkit.core.parameters import Family
 from dynkit.core.reprs import Facts, Tabled, table
 from dynkit.core.smooth_map import checked_map
-from dynkit.data import store
-from dynkit.data.atomic_files import reason
+from dynkit.data import atomic_files as files, store
 from dynkit.data.codec import decoded, encoded
 from dynkit.data.dataset import Dataset
 
@@ -182,12 +181,7 @@ _Read = TypeVar("_Read")
 
 def write_result(path: str | os.PathLike[str], result: Result, entries: Mapping[str, str]) -> None:
     """Write a result and further entries to a store; ValueError where it cannot be written."""
-    file, archive = store.place(path), archive_of(result, entries)
-    with store.locked(file):
-        try:
-            store.write(file, archive)
-        except OSError as failure:
-            raise ValueError(reason(failure)) from failure
+    store.save(path, archive_of(result, entries))
 
 
 def archive_of(result: object, entries: Mapping[str, str]) -> store.Archive:
@@ -214,7 +208,7 @@ def read_result(
     ValueError
         When the store holds a result of another kind, or is incomplete.
     """
-    file = store.place(path)
+    file = files.place("store", path)
     archive = store.read(file)
     name, held = kind.__name__, archive.entries.get("kind")
     if held != name:

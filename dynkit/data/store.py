@@ -11,7 +11,7 @@ import io
 import json
 import os
 from collections.abc import Generator, Iterable, Mapping
-from contextlib import AbstractContextManager, contextmanager
+from contextlib import contextmanager
 from dataclasses import dataclass
 from enum import Enum
 from pathlib import Path
@@ -50,24 +50,6 @@ class Archive:
 
     entries: Mapping[str, str]
     arrays: Mapping[str, NDArray[Any]]
-
-
-def place(store: str | os.PathLike[str]) -> Path:
-    """Return the path of a store, with links resolved; the file need not exist.
-
-    Raises
-    ------
-    ValueError
-        When the path is not a file, or its folder does not exist.
-
-    Examples
-    --------
-    >>> place("no/such/folder/x.h5")
-    Traceback (most recent call last):
-    ...
-    ValueError: store must be in a folder that exists; got 'no/such/folder/x.h5'
-    """
-    return files.place("store", store)
 
 
 def read(path: Path) -> Archive:
@@ -122,15 +104,14 @@ def write(path: Path, archive: Archive) -> None:
         target.write(data)
 
 
-def locked(path: Path) -> AbstractContextManager[None]:
-    """Lock a store against other processes; see `dynkit.data.atomic_files.locked`.
-
-    Raises
-    ------
-    ValueError
-        When another process writes the store, or the folder cannot be written or locked.
-    """
-    return files.locked("store", path)
+def save(store: str | os.PathLike[str], archive: Archive) -> None:
+    """Write a store, while no other process writes it; ValueError where it cannot be written."""
+    path = files.place("store", store)
+    with files.locked("store", path):
+        try:
+            write(path, archive)
+        except OSError as failure:
+            raise ValueError(files.reason(failure)) from failure
 
 
 def _heading(data: bytes | memoryview) -> bytes:

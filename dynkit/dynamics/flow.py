@@ -10,9 +10,9 @@ from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple, TypeAlias, final
 import numpy as np
 
 from dynkit.core.differences import numerical_derivative, parameter_difference
-from dynkit.core.frames import stretched
 from dynkit.core.no_motion import Diverged, replaced
 from dynkit.core.parameters import Family
+from dynkit.core.smooth_map import stretched
 from dynkit.core.stretching import CLEAR, Stretching
 from dynkit.core.validation import (
     finite_array,

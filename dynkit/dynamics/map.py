@@ -11,8 +11,7 @@ from numpy.typing import NDArray
 from dynkit.core.cost import Cost
 from dynkit.core.smooth_map import SmoothMap, generic_direction
 from dynkit.core.validation import Array, finite_array, positive_integer
-from dynkit.dynamics.attractor import Attractor
-from dynkit.dynamics.map_attractor import MapAttractor
+from dynkit.dynamics.attractor import Attractor, MapAttractor
 from dynkit.dynamics.stream import Stream
 from dynkit.orbits.map_orbit import MapOrbit
 from dynkit.orbits.map_problem import MapProblem

@@ -1,4 +1,4 @@
-"""`collect`: evaluate all points, with or without an executor, and keep results in a store."""
+"""Points to evaluate in chunks, with or without an executor; their findings, kept in a store."""
 
 from __future__ import annotations
 
@@ -6,21 +6,157 @@ import json
 import os
 import sys
 import time
-from collections.abc import Callable, Mapping
+from abc import ABC, abstractmethod
+from collections import Counter
+from collections.abc import Callable, Generator, Mapping
 from concurrent.futures import Executor
-from contextlib import nullcontext
+from contextlib import ExitStack, contextmanager
+from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
-from typing import Any, Self, final
+from typing import Any, TypeAlias, final
 
 import numpy as np
+from numpy.typing import NDArray
 
 from dynkit._version import __version__
 from dynkit.core.cost import Cost
 from dynkit.core.validation import boolean, positive_integer
-from dynkit.data import store as stores
-from dynkit.data.atomic_files import reason
+from dynkit.data import atomic_files as files, store as stores
 from dynkit.engine.executors import finished
-from dynkit.engine.points import MOST_POINTS, Findings, Points, Rows, chunks_of
+
+Anything: TypeAlias = NDArray[Any]
+Columns: TypeAlias = Mapping[str, tuple[str, tuple[int | None, ...]]]
+"""For each array, by name: NumPy's kind letter, and the shape of a row; None for any length."""
+
+# There are at least _FEW chunks, of up to _SIZE points each, if there are enough points. For very
+# many points there are at most about _MANY larger chunks, because each takes an executor some time.
+_FEW, _SIZE, _MANY = 256, 32, 2048
+
+MOST_POINTS = 10_000_000
+"""The findings at this many points take a gigabyte; at a millisecond each they take three hours."""
+
+
+class Points(ABC):
+    """Points that can be evaluated in any order, by any process.
+
+    A subclass must implement:
+
+    1. ``len(points)``, the number of points.
+    2. `work`, a function from the task of a chunk to its `Rows`. It is picklable, small, and
+       depends on nothing else: it returns the same bits in every process.
+    3. ``task(first, last, found)``, the task of a chunk: the points first, ..., last - 1. For a
+       chain, `found` holds the rows of all earlier points.
+    4. `entries` and `inputs`, texts and arrays by name that identify the points: a store with
+       others is refused. ``entries["kind"]`` is the kind of the store.
+    5. `columns`, the kinds and shapes of the arrays of its rows; those of a store must agree.
+
+    A subclass may implement:
+
+    6. `chained`, whether a point needs the rows of the one before it: such points are evaluated one
+       by one, in their order, without an executor.
+    """
+
+    @abstractmethod
+    def __len__(self) -> int: ...
+
+    @property
+    def chained(self) -> bool:
+        """Whether a point needs the rows of the one before it."""
+        return False
+
+    @property
+    @abstractmethod
+    def work(self) -> Callable[[Any], Rows]:
+        """Function from the task of a chunk to its rows."""
+
+    @abstractmethod
+    def task(self, first: int, last: int, found: Findings) -> Any:
+        """Return the task of a chunk."""
+
+    @property
+    @abstractmethod
+    def entries(self) -> Mapping[str, str]:
+        """Texts that identify these points, by name."""
+
+    @property
+    @abstractmethod
+    def columns(self) -> Columns:
+        """Kinds of numbers (NumPy's letters) and shapes of the findings at a point, by name."""
+
+    @property
+    @abstractmethod
+    def inputs(self) -> Mapping[str, Anything]:
+        """Arrays that identify these points, by name."""
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class Rows:
+    """Findings at n points.
+
+    Parameters
+    ----------
+    arrays : mapping of str to (n, ...) array
+    texts : mapping of str to list of n str
+    cost : Cost
+        Cost of all n points.
+    note : callable, optional
+        Returns a text beside the count of the progress bar; for chains only.
+    """
+
+    arrays: Mapping[str, Anything]
+    texts: Mapping[str, list[str]]
+    cost: Cost
+    note: Callable[[], str] | None = None
+
+
+def chunks_of(count: int, *, chained: bool = False) -> list[tuple[int, int]]:
+    """Return the range (first, last + 1) of each chunk; it depends on the count only.
+
+    The chunks of a chain are single points.
+
+    Examples
+    --------
+    >>> chunks_of(3), len(chunks_of(40_000)), chunks_of(40_000)[-1]
+    ([(0, 1), (1, 2), (2, 3)], 1250, (39968, 40000))
+    """
+    size = 1 if chained else max(1, min(count // _FEW, _SIZE), count // _MANY)
+    return [(first, min(first + size, count)) for first in range(0, count, size)]
+
+
+@final
+class Findings:
+    """The findings so far, filled in place: the rows, among `count`, of finished chunks."""
+
+    def __init__(self, count: int) -> None:
+        self.count = count
+        self.done = np.zeros(count, dtype=np.bool_)
+        self.arrays: dict[str, Anything] = {}
+        self.texts: dict[str, Anything] = {}
+        self._seconds, self._work = 0.0, Counter[str]()
+
+    def add(self, places: slice | NDArray[np.intp], rows: Rows) -> None:
+        """Add the rows of these points; an interruption leaves all other rows unchanged."""
+        for name, array in rows.arrays.items():
+            if name not in self.arrays:
+                self.arrays[name] = np.zeros((self.count, *array.shape[1:]), array.dtype)
+            self.arrays[name][places] = array
+        for name, texts in rows.texts.items():
+            if name not in self.texts:
+                self.texts[name] = np.full(self.count, "", dtype=object)
+            self.texts[name][places] = texts
+        self._seconds += rows.cost.seconds
+        for name, count in rows.cost.counts.items():
+            self._work[name] += count
+        self.done[places] = True
+
+    def rows(self) -> Rows:
+        """Return the finished rows, in the order of the points."""
+        arrays = {name: array[self.done] for name, array in self.arrays.items()}
+        texts = {name: every[self.done].tolist() for name, every in self.texts.items()}
+        return Rows(arrays, texts, Cost(self._seconds, self._work))
+
 
 # Largest fraction of the time that writing may take, and least time between writes in seconds.
 _SHARE, _LEAST_INTERVAL = 1.0 / 20.0, 1.0
@@ -54,59 +190,45 @@ def collect(
         When the store becomes impossible to write during the run.
     """
     shown = boolean("progress", progress)
-    if store is None:
-        findings = Findings(len(points))
-        _go_on(points, findings, executor, None, shown=shown)
-        return findings.rows()
-    path = stores.place(store)
+    path = None if store is None else files.place("store", store)
     findings = _found(points, path)
-    if not findings.done.all():  # a complete store needs neither a lock nor a writable folder
-        with stores.locked(path):
+    if findings.done.all():  # a complete store needs neither a lock nor a writable folder
+        return findings.rows()
+    with ExitStack() as opened:
+        write = None
+        if path is not None:
+            opened.enter_context(files.locked("store", path))
             findings = _found(points, path)  # another process may have written since
-            with _keeper_of(path, points, findings) as keeper:
-                _go_on(points, findings, executor, keeper, shown=shown)
-    return findings.rows()
+            archived = partial(_archived, points, findings)
+            write = opened.enter_context(kept_in(path, archived, findings.done.sum))
+        chunks = chunks_of(len(points), chained=points.chained)
+        left = [chunk for chunk in chunks if not findings.done[slice(*chunk)].all()]
+        tasks = (points.task(*chunk, findings) for chunk in left)  # each is made when it begins
+        bar: Any = None
+        if shown:
+            from tqdm import tqdm
 
-
-def _go_on(
-    points: Points,
-    findings: Findings,
-    executor: Executor | None,
-    keeper: Keeper | None,
-    *,
-    shown: bool,
-) -> None:
-    chunks = chunks_of(len(points), chained=points.chained)
-    left = [chunk for chunk in chunks if not findings.done[slice(*chunk)].all()]
-    tasks = (points.task(*chunk, findings) for chunk in left)  # each is made when it begins
-    bar: Any = nullcontext()
-    if shown:
-        from tqdm import tqdm
-
-        done = int(findings.done.sum())
-        bar = tqdm(total=findings.count, initial=done, unit="point", file=sys.stderr)
-    with bar:
-        for number, rows in finished(points.work, tasks, executor):
+            done = int(findings.done.sum())
+            bar = tqdm(total=findings.count, initial=done, unit="point", file=sys.stderr)
+            opened.enter_context(bar)
+        found = map(points.work, tasks) if executor is None else None
+        for number, rows in enumerate(found) if found else finished(points.work, tasks, executor):
             findings.add(slice(*left[number]), rows)
-            if keeper is not None:
-                keeper.write_when_due()
-            if shown:
+            if write is not None:
+                write()
+            if bar is not None:
                 written = bar.update(len(rows.texts["ending"]))
                 # only when the bar is drawn: a note may cost more than its point
                 if rows.note is not None and (written or findings.done.all()):
                     bar.set_postfix_str(rows.note())
-
-
-def _keeper_of(path: Path, points: Points, findings: Findings) -> Keeper:
-    return Keeper(path, lambda: _archived(points, findings), lambda: int(findings.done.sum()))
+    return findings.rows()
 
 
 def save_rows(path: str | os.PathLike[str], points: Points, rows: Rows) -> None:
     """Write the rows of all points to a store; ValueError where it cannot be written."""
-    file, findings = stores.place(path), Findings(len(points))
+    findings = Findings(len(points))
     findings.add(slice(None), rows)
-    with stores.locked(file), _keeper_of(file, points, findings):
-        pass
+    stores.save(path, _archived(points, findings))
 
 
 def read_rows(path: Path, kind: str) -> tuple[stores.Archive, Findings]:
@@ -146,10 +268,6 @@ def _group(arrays: Mapping[str, Any], name: str) -> dict[str, Any]:
     }
 
 
-def _entries(points: Points) -> dict[str, str]:
-    return {**points.entries, "points": str(len(points))}
-
-
 def _archived(points: Points, findings: Findings) -> stores.Archive:
     rows = findings.rows()
     known = sorted({text for texts in rows.texts.values() for text in texts})
@@ -165,11 +283,11 @@ def _archived(points: Points, findings: Findings) -> stores.Archive:
     for name, texts in rows.texts.items():
         arrays[f"texts/{name}"] = np.array([code[text] for text in texts], dtype=np.int64)
     arrays["done"] = np.flatnonzero(findings.done)
-    return stores.Archive({**_entries(points), **found}, arrays)
+    return stores.Archive({**points.entries, "points": str(len(points)), **found}, arrays)
 
 
-def _found(points: Points, path: Path) -> Findings:
-    if not path.exists():
+def _found(points: Points, path: Path | None) -> Findings:
+    if path is None or not path.exists():
         return Findings(len(points))
     archive, findings = read_rows(path, points.entries["kind"])
     refuse_other(path, points, archive)
@@ -221,7 +339,7 @@ def refuse_other(path: Path, points: Points, archive: stores.Archive) -> None:
     ValueError
         The message names the first difference: entries first, then arrays, then the system.
     """
-    made, asked = archive.entries, _entries(points)
+    made, asked = archive.entries, {**points.entries, "points": str(len(points))}
     names = [*asked, *(name for name in made if name.startswith("system.") and name not in asked)]
     of_system = [name for name in names if name.startswith("system.")]
     others = [name for name in names if name not in of_system]
@@ -242,46 +360,33 @@ def _refuse_other_array(path: Path, name: str, made: Any, asked: Any) -> None:
         raise ValueError(f"store {path} was made with {where} {was!r}; got {now!r}")
 
 
-@final
-class Keeper:
-    """Writes growing content to a store: at the beginning, at intervals, and at the end.
+@contextmanager
+def kept_in(
+    path: Path, archived: Callable[[], stores.Archive], done: Callable[[], int]
+) -> Generator[Callable[[], None]]:
+    """Write growing content to a store: at the beginning, at intervals, and at the end.
 
-    The intervals keep the cost of writing low. ``archived()`` returns the present content, and
-    ``done()`` the number of finished parts. The beginning of the context raises ValueError when the
-    store cannot be written.
+    The context yields a function, to be called when content was added: it writes if the last
+    writing is long enough ago. The intervals keep the cost of writing low. ``archived()`` returns
+    the present content, and ``done()`` the number of finished parts. The beginning of the context
+    raises ValueError when the store cannot be written.
     """
+    written, due = -1, 0.0
 
-    def __init__(
-        self, path: Path, archived: Callable[[], stores.Archive], done: Callable[[], int]
-    ) -> None:
-        self._path = path
-        self._archived = archived
-        self._done = done
-        self._written = -1
-        self._due = 0.0
-
-    def __enter__(self) -> Self:
-        try:
-            self.write()
-        except OSError as failure:
-            raise ValueError(reason(failure)) from failure
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        self.write()
-
-    def write(self) -> None:
-        """Write the content, unless all finished parts are written already."""
-        done = self._done()
-        if done == self._written:
-            return
+    def write(*, at_once: bool = False) -> None:
+        nonlocal written, due
         began = time.monotonic()
-        stores.write(self._path, self._archived())
+        if (began < due and not at_once) or (count := int(done())) == written:
+            return
+        stores.write(path, archived())
         ended = time.monotonic()
-        self._written = done
-        self._due = ended + max(_LEAST_INTERVAL, (ended - began) / _SHARE)
+        written, due = count, ended + max(_LEAST_INTERVAL, (ended - began) / _SHARE)
 
-    def write_when_due(self) -> None:
-        """Write the content if the last writing is long enough ago."""
-        if time.monotonic() >= self._due:
-            self.write()
+    try:
+        write()
+    except OSError as failure:
+        raise ValueError(files.reason(failure)) from failure
+    try:
+        yield write
+    finally:
+        write(at_once=True)

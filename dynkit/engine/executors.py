@@ -6,12 +6,11 @@ import pickle
 import traceback
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent.futures import Executor, Future
-from dataclasses import dataclass
 from functools import lru_cache
 from io import BytesIO
 from itertools import islice
 from queue import SimpleQueue
-from typing import Any, Generic, TypeVar, cast, final
+from typing import Any, TypeVar
 
 from dynkit.core.overriding import Extensible
 from dynkit.core.progress import late_bar
@@ -31,21 +30,6 @@ class WorkerLost(RuntimeError):
 
 class NotSendable(ValueError):
     """The system cannot be sent to the workers of an executor."""
-
-
-@final
-@dataclass(frozen=True, eq=False)
-class Outcome(Generic[_Result]):
-    """The result of a task, or the error that it raised."""
-
-    result: _Result | None = None
-    error: Exception | None = None
-
-    def value(self) -> _Result:
-        """Return the result, or raise the error."""
-        if self.error is not None:
-            raise self.error
-        return cast("_Result", self.result)
 
 
 def finished(
@@ -77,14 +61,23 @@ def finished(
             yield number, work(task)
         return
     packed = pack(work)
-    waiting: dict[Future[Outcome[_Result]], int] = {}
-    ended: SimpleQueue[Future[Outcome[_Result]]] = SimpleQueue()
+    waiting: dict[Future[tuple[Any, Exception | None]], int] = {}
+    ended: SimpleQueue[Future[tuple[Any, Exception | None]]] = SimpleQueue()
     coming = enumerate(tasks)
     errors: dict[int, Exception] = {}
     try:
         while True:
             for number, task in islice(coming, 0 if errors else IN_FLIGHT - len(waiting)):
-                future = submit(executor, packed, task)
+                if not callable(getattr(executor, "submit", None)):
+                    raise ValueError(
+                        f"executor must be a concurrent.futures.Executor; got {executor!r}"
+                    )
+                sent = pack(task)
+                try:
+                    future = executor.submit(perform, packed, sent)
+                except RuntimeError as failure:  # the pool is broken, or was shut down
+                    future = Future()
+                    future.set_result((None, _lost(failure)))
                 waiting[future] = number
                 future.add_done_callback(ended.put)
             if not waiting:
@@ -94,11 +87,14 @@ def finished(
                 ready.append(ended.get())
             ready = [future for future in ready if future in waiting]  # without cancelled ones
             for number, future in sorted((waiting.pop(future), future) for future in ready):
-                outcome = outcome_of(future)
-                if outcome.error is None:
-                    yield number, outcome.value()
+                try:
+                    result, error = future.result()
+                except Exception as failure:  # of any kind: errors of the work are in its outcome
+                    result, error = None, _lost(failure)
+                if error is None:
+                    yield number, result
                 else:
-                    errors[number] = outcome.error
+                    errors[number] = error
             if errors:  # an earlier task may still fail, and its error then comes first
                 _cancel(waiting, min(errors))
     finally:
@@ -121,35 +117,6 @@ def all_finished(
     found = finished(work, tasks, executor)
     results = dict(late_bar(bar, "chunk", len(tasks), found) if bar else found)
     return [results[number] for number in range(len(tasks))]
-
-
-def submit(executor: Executor, packed: bytes, task: Any) -> Future[Outcome[Any]]:
-    """Submit a task of packed work to an executor; `outcome_of` returns its outcome.
-
-    Raises
-    ------
-    ValueError
-        When the executor has no method `submit`.
-    NotSendable
-        When the task cannot be pickled.
-    """
-    if not callable(getattr(executor, "submit", None)):
-        raise ValueError(f"executor must be a concurrent.futures.Executor; got {executor!r}")
-    sent = pack(task)
-    try:
-        return executor.submit(perform, packed, sent)
-    except RuntimeError as error:  # the pool is broken, or was shut down
-        future: Future[Outcome[Any]] = Future()
-        future.set_result(Outcome(error=_lost(error)))
-        return future
-
-
-def outcome_of(future: Future[Outcome[_Result]]) -> Outcome[_Result]:
-    """Wait for a task and return its outcome; the error is `WorkerLost` when there is none."""
-    try:
-        return future.result()
-    except Exception as error:  # of any kind: errors of the work itself are in its outcome
-        return Outcome(error=_lost(error))
 
 
 def pack(work: object) -> bytes:
@@ -191,21 +158,19 @@ def _same_class(sent: bytes, code: str) -> Any:
     return found
 
 
-def perform(packed: bytes, sent: bytes) -> Outcome[Any]:
-    """Run a packed task of packed work, and return its outcome; workers call this function."""
+def perform(packed: bytes, sent: bytes) -> tuple[Any, Exception | None]:
+    """Run a packed task of packed work in a worker; return its result, and its error or None."""
     try:
         work, task = _unpacked(packed), pickle.loads(sent)
     except Exception as error:  # of any kind: a worker may import another version of the module
-        return Outcome(
-            error=NotSendable(
-                "system must be of a class that the workers of the executor can import, from a "
-                f"file of its own; got one for which {type(error).__name__}: {error}"
-            )
+        return None, NotSendable(
+            "system must be of a class that the workers of the executor can import, from a "
+            f"file of its own; got one for which {type(error).__name__}: {error}"
         )
     try:
-        return Outcome(work(task))
+        return work(task), None
     except Exception as error:
-        return Outcome(error=_portable(error))
+        return None, _portable(error)
 
 
 # All tasks of a run share one work, which is unpickled once.

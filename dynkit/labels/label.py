@@ -1,9 +1,9 @@
-"""Orbit labels: P(n,m), P(inf,m), quasi-periodic, chaotic or unsettled."""
+"""Orbit labels: P(n,m), P(inf,m), quasi-periodic, chaotic or unsettled; many as columns."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from enum import Enum
-from typing import ClassVar, final
+from typing import Any, ClassVar, final
 
 import numpy as np
 
@@ -212,3 +212,54 @@ class OrbitLabel:
         digits = next((k for k in range(6, 1, -1) if self.rotation_error <= 10.0**-k), 1)
         on = f" on {self.curves} curves" if self.curves > 1 else ""
         return f"{self.name}, rotation number {self.rotation_number:.{digits}f}{on}"
+
+
+# --- labels of many motions as columns of numbers, which a store keeps ----------------------------
+
+COLUMNS: dict[str, tuple[str, tuple[int | None, ...]]]
+COLUMNS = {"kind": ("i", ()), "numbers": ("i", (4,)), "sizes": ("f", (7,))}
+"""Columns that `empty_columns` returns: kind of the numbers, and shape of a row."""
+
+KINDS = tuple(OrbitKind)
+"""The kind of orbit for each number in the column of kinds, where there is a motion."""
+
+
+def empty_columns(count: int, kind: int) -> dict[str, Any]:
+    """Return the columns of `count` motions, all with the same number of kind, for `put_label`."""
+    return {
+        "kind": np.full(count, kind, dtype=np.int64),
+        "numbers": np.zeros((count, 4), dtype=np.int64),  # n and m of P(n,m), simulated, curves
+        # tolerance, recurrence, chance; multiplier and rotation number, each with its error
+        "sizes": np.full((count, 7), np.nan),
+    }
+
+
+def put_label(columns: Mapping[str, Any], place: int, label: OrbitLabel) -> None:
+    """Write a label into row `place` of the columns, in place."""
+    columns["kind"][place] = KINDS.index(label.kind)
+    counts = label.iterates or 0, label.periods or 0, label.simulated, label.curves
+    columns["numbers"][place] = counts
+    sizes = label.tolerance, label.recurrence, label.chance, label.multiplier
+    rotation = label.rotation_number, label.rotation_error
+    columns["sizes"][place] = *sizes, label.multiplier_error, *rotation
+
+
+def label_in(columns: Mapping[str, Any], place: int, kind: OrbitKind) -> OrbitLabel:
+    """Return the label of this kind in row `place` of the columns, with its stability."""
+    n, m, simulated, curves = columns["numbers"][place].tolist()
+    tolerance, recurrence, chance, *others = columns["sizes"][place].tolist()
+    multiplier, multiplier_error, rotation_number, rotation_error = others
+    return OrbitLabel(
+        kind,
+        n or None,
+        m or None,
+        tolerance,
+        recurrence,
+        simulated,
+        chance=chance,
+        multiplier=multiplier,
+        multiplier_error=multiplier_error,
+        rotation_number=rotation_number,
+        rotation_error=rotation_error,
+        curves=curves,
+    )

@@ -170,7 +170,10 @@ def _decided(source: OrbitSource, kept: int, tolerance: float, budget: int | Non
         if len(window.states) < request:
             doubt = np.inf if window.given_up else 0.0
             return OrbitLabel(OrbitKind.NO_IMPACTS, None, None, tolerance, doubt, spent)
-        orbit = _recurrences(window, source)
+        if window.releases is not None and len(window.releases):
+            orbit = Recurrences(window.releases, window.release_times, source.difference)
+        else:
+            orbit = Recurrences(window.states, window.times, source.difference)
         nearest = float(orbit.from_last.min(initial=np.inf))
         period = orbit.recurrent(tolerance)
         if period is not None and window.resolves is not None and not window.resolves(period):
@@ -196,7 +199,8 @@ def _decided(source: OrbitSource, kept: int, tolerance: float, budget: int | Non
         if period is not None:
             return _periodic_label(orbit, period, window, tolerance, spent)
         if ends:
-            neutral = not orbit.decays and _neither_part_nor_meet(growth, spent)
+            # without a measured growth the motion is unsettled, whatever its states show
+            neutral = growth and not orbit.decays and _neither_part_nor_meet(growth, spent)
             rotation = rotation_of(orbit, tolerance, source.accuracy) if neutral else None
             if rotation and _is_certain(window, orbit.count - 1, orbit.scale, tolerance):
                 return _quasi_periodic_label(rotation, tolerance, spent)
@@ -311,12 +315,6 @@ def _quasi_periodic_label(rotation: Rotation, tolerance: float, spent: int) -> O
         rotation_error=rotation.error,
         curves=rotation.curves,
     )
-
-
-def _recurrences(window: Window, source: OrbitSource) -> Recurrences:
-    if window.releases is not None and len(window.releases) > 0:
-        return Recurrences(window.releases, window.release_times, source.difference)
-    return Recurrences(window.states, window.times, source.difference)
 
 
 def _is_certain(window: Window, period: int, size: float, most: float) -> bool:

@@ -58,6 +58,11 @@ class Recurrences:
     difference : callable
         Function (a, b) that returns a - b for states (..., d).
 
+    Attributes
+    ----------
+    from_last : (k - 1,) array
+        Distance of the last state to the one n before it, at index n - 1.
+
     Raises
     ------
     Diverged
@@ -77,6 +82,7 @@ class Recurrences:
                 "the motion runs away: states exceed 1e154, the root of the largest number"
             )
         self.scale = largest if largest > 0.0 else 1.0
+        self.from_last = self.distances(slice(-1, None), slice(None, -1))[::-1]
 
     def distances(self, later: slice | _Indices, earlier: slice | _Indices) -> Array:
         """Return distances of states to earlier ones; elapsed time enters modulo one period."""
@@ -98,11 +104,6 @@ class Recurrences:
             return gap
         elapsed = self.times[later] - self.times[earlier]
         return np.column_stack([gap, elapsed - np.rint(elapsed)])
-
-    @cached_property
-    def from_last(self) -> Array:
-        """Distance of the last state to the one n before it, at index n - 1."""
-        return self.distances(slice(-1, None), slice(None, -1))[::-1]
 
     def periods(self, n: int) -> int | None:
         """Return the periods of the forcing in the last n states; None without forcing."""
@@ -138,8 +139,9 @@ class Recurrences:
 
     def _resolved(self, n: int) -> int | None:
         """Return the period among n and its multiples; None where it is not certain."""
-        if self._drifts(n):
-            return None
+        far = self.spread(n) > max(_SPLIT, _DRIFT * float(self.steps(n).max()))
+        if far and not self._decay(n).falls(_DECAY_DEPTH):
+            return None  # states drift from period to period, without a decay to an orbit
         factor: int | None = 0
         while factor != 1 and self.spread(n) > _SPLIT:
             factor = None if self._decay(n).leaves else self._split(n)
@@ -152,11 +154,6 @@ class Recurrences:
             if self.steps(divisor)[-1] <= clear or self._decay(divisor).falls(_DECAY_DEPTH):
                 return None
         return n
-
-    def _drifts(self, n: int) -> bool:
-        """Whether the states drift from period to period, without a geometric decay to an orbit."""
-        far = self.spread(n) > max(_SPLIT, _DRIFT * float(self.steps(n).max()))
-        return far and not self._decay(n).falls(_DECAY_DEPTH)
 
     def _split(self, n: int) -> int | None:
         """Return the factor of a multiple of n that recurs much better; None if not certain."""

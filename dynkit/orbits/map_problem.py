@@ -11,9 +11,8 @@ import numpy as np
 from dynkit.core.cost import Cost
 from dynkit.core.kept import cached_property
 from dynkit.core.no_motion import NoMotion
-from dynkit.core.smooth_map import SmoothMap, proper_divisors
-from dynkit.core.stretching import product_with_error
-from dynkit.core.validation import Array
+from dynkit.core.smooth_map import SmoothMap, product_with_error, proper_divisors
+from dynkit.core.validation import Array, returned
 from dynkit.orbits.equations import NOISE
 from dynkit.orbits.families import FamilyProblem
 from dynkit.orbits.map_orbit import MapOrbit
@@ -159,7 +158,9 @@ class MapProblem(PeriodicProblem, FamilyProblem):
 
     def residual(self, x: Array, p: Array) -> Array:
         system, states = self.at(p), self._rows(x)
-        gap = system.difference(_defined(system._returned, states), following(states))
+        d = system.dimension
+        found = _defined(lambda state: returned(system, system(state), d), states)
+        gap = system.difference(found, following(states))
         return np.asarray((gap / self.units).ravel())
 
     def rounding(self, x: Array, p: Array) -> Array:

@@ -57,10 +57,21 @@ def product_eigenvalues(factors: Any) -> Any:
     >>> product_eigenvalues([np.diag([1e20, 1e-20])] * 3)
     array([1.e+60+0.j, 1.e-60+0.j])
     """
-    if len(factors) == 1:
-        values = _of_one(_checked(factors)[0])
+    a = finite_array("factors", factors, (None, None, None))
+    n, d, width = a.shape
+    if n == 0 or d == 0 or d != width:
+        raise ValueError(f"factors must be square matrices, one at least; got shape {a.shape}")
+    if n == 1:
+        values = _of_one(a[0])
         return values[np.lexsort((-values.imag, -values.real, -abs(values)))]
-    mantissas, exponents = _eigenvalues(factors)
+    _, sizes = np.frexp(abs(a).max(axis=(1, 2)))
+    a = np.ldexp(a, -sizes[:, None, None])
+    mantissas, exponents = _of_numbers(a[:, 0, 0]) if d == 1 else _by_periodic_qr(a)
+    exponents = exponents + int(sizes.sum())
+    with np.errstate(divide="ignore"):
+        order = np.log2(abs(mantissas)) + exponents
+    order = np.lexsort((-mantissas.imag, -mantissas.real, -order))
+    mantissas, exponents = mantissas[order], exponents[order]
     with np.errstate(over="ignore", under="ignore"):
         return np.ldexp(mantissas.real, exponents) + 1j * np.ldexp(mantissas.imag, exponents)
 
@@ -90,27 +101,8 @@ def _of_one(factor: Array) -> Any:
     return real + 1j * imaginary
 
 
-def _checked(factors: Any) -> Array:
-    a = finite_array("factors", factors, (None, None, None))
-    n, d, width = a.shape
-    if n == 0 or d == 0 or d != width:
-        raise ValueError(f"factors must be square matrices, one at least; got shape {a.shape}")
-    return a
-
-
-def _eigenvalues(factors: Any) -> tuple[Any, Any]:
-    """Return mantissas, (d,) complex, and exponents of two, (d,), sorted."""
-    a = _checked(factors)
-    _, sizes = np.frexp(abs(a).max(axis=(1, 2)))
-    a = np.ldexp(a, -sizes[:, None, None])
-    if a.shape[1] == 1:
-        mantissas, exponents = _product(a[:, 0, 0])
-    else:
-        mantissas, exponents = _by_periodic_qr(a)
-    return _sorted(mantissas, exponents + int(sizes.sum()))
-
-
-def _product(numbers: Array) -> tuple[Any, Any]:
+def _of_numbers(numbers: Array) -> tuple[Any, Any]:
+    """Return the mantissa, (1,) complex, and the exponent of two, (1,), of a product of numbers."""
     mantissa, exponent = 1.0, 0
     for number in numbers.tolist():
         mantissa, more = np.frexp(mantissa * number)
@@ -119,6 +111,7 @@ def _product(numbers: Array) -> tuple[Any, Any]:
 
 
 def _by_periodic_qr(a: Array) -> tuple[Any, Any]:
+    """Return mantissas, (d,) complex, and exponents of two, (d,)."""
     from dynkit.orbits.multiplier_kernels import eigenvalues
 
     n, d, _ = a.shape
@@ -144,10 +137,3 @@ def _qr(matrix: Array) -> tuple[Array, Array]:
     found, scales, _, _ = dgeqrf(matrix)
     basis, _, _ = dorgqr(found, scales)
     return basis, found
-
-
-def _sorted(mantissas: Any, exponents: Any) -> tuple[Any, Any]:
-    with np.errstate(divide="ignore"):
-        sizes = np.log2(abs(mantissas)) + exponents
-    order = np.lexsort((-mantissas.imag, -mantissas.real, -sizes))
-    return mantissas[order], exponents[order]

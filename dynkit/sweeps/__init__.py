@@ -1,6 +1,5 @@
 """Sweeps of one parameter, planes of two parameters, and basins of attraction."""
 
-from dynkit.sweeps.result import Sweep
-from dynkit.sweeps.sweeping import sweep
+from dynkit.sweeps.sweeping import Sweep, sweep
 
 __all__ = ["Sweep", "sweep"]

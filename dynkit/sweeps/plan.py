@@ -1,4 +1,4 @@
-"""The plan of a sweep, and its values as points of the engine."""
+"""The plan of a sweep: its values are points of the engine."""
 
 from __future__ import annotations
 
@@ -15,10 +15,10 @@ import numpy as np
 
 from dynkit.core.cost import Cost
 from dynkit.core.validation import Array, finite_array, read_only
-from dynkit.data.store import identity_of, kind_of
+from dynkit.data.store import identity_of
 from dynkit.dynamics.attractor import Attractor
 from dynkit.dynamics.map import Map
-from dynkit.engine.points import Anything, Columns, Findings, Points, Rows
+from dynkit.engine.collecting import Anything, Columns, Findings, Points, Rows
 from dynkit.labels.label import OrbitKind, OrbitLabel
 
 KIND = "sweep"
@@ -30,7 +30,7 @@ states a run they suffice where the largest multiplier exceeds 1.0014 per state.
 
 @final
 @dataclass(frozen=True, eq=False)
-class Plan:
+class Plan(Points):
     """The arguments of a sweep, checked by `sweep`.
 
     Parameters
@@ -58,11 +58,115 @@ class Plan:
     observables: tuple[str, ...]
     start: Array
     follow: bool
+    # in `work` alone: the system at the value simulated last, and that value with its last state
+    _known: dict[str, Any] = field(default_factory=dict, init=False, repr=False)
+
+    def __len__(self) -> int:
+        return len(self.values)
 
     @property
     def names(self) -> tuple[str]:
         """Names of the parameters: one."""
         return (self.parameter,)
+
+    @property
+    def chained(self) -> bool:
+        return self.follow
+
+    @property
+    def work(self) -> Callable[[Any], Rows]:
+        return replace(self, values=self.values[:1])  # the first value is needed for the start
+
+    def task(self, first: int, last: int, found: Findings) -> Any:
+        if not self.follow or not first:
+            return self.values[first:last], None
+        before = float(self.values[first - 1]), found.arrays["final"][first - 1]
+        return self.values[first:last], before
+
+    @property
+    def entries(self) -> Mapping[str, str]:
+        return {
+            "kind": KIND,
+            "system": self.kind,
+            "parameter": self.parameter,
+            "follow": str(self.follow),
+            "start": start_of(self.start),
+            **identity_of(self.system_at(float(self.values[0]))),
+            "transient": str(self.transient),
+            "keep": str(self.keep),
+            "observables": json.dumps(self.observables),
+        }
+
+    @property
+    def inputs(self) -> Mapping[str, Anything]:
+        return {"values": self.values, "start": self.start}
+
+    @property
+    def columns(self) -> Columns:
+        observables = dict.fromkeys(self.observables, ("f", (self.keep,)))
+        return {
+            "count": ("i", ()),
+            "displaced": ("b", ()),
+            "final": ("f", (None,)),
+            **{f"observables/{name}": column for name, column in observables.items()},
+        }
+
+    def __call__(self, task: tuple[Array, tuple[float, Array] | None]) -> Rows:
+        """Simulate some values, where each may follow the value before it."""
+        (values, before), began = task, time.perf_counter()
+        shape, work = (len(values), self.keep), Counter[str]()
+        kept = {name: np.full(shape, np.nan) for name in self.observables}
+        counts, displaced, finals, endings = [], [], [], []
+        start = self.start_after(before)
+        for place, value in enumerate(values.tolist()):
+            try:
+                # a system at another value may know what does not depend on the parameter
+                system = self._known["system"] = self.system_at(value, self._known.get("system"))
+                if self.follow:
+                    motion, moved = self.following(system, start)
+                else:
+                    motion, moved = self.motion(system, start), False
+            except Exception as error:
+                error.add_note(f"at {self.parameter} {value}")
+                raise
+            seen = 0
+            for name, rows in kept.items():
+                found = motion.observable(name)
+                seen = len(found)
+                rows[place, :seen] = found
+            counts.append(seen)
+            displaced.append(moved)
+            finals.append(system.pack_state(motion.final))
+            endings.append(str(motion.ending.value))
+            for name, count in motion.cost.counts.items():
+                work[name] += count
+        arrays: dict[str, Anything] = {f"observables/{name}": rows for name, rows in kept.items()}
+        arrays |= {
+            "final": np.array(finals),
+            "count": np.array(counts, dtype=np.int64),
+            "displaced": np.array(displaced, dtype=np.bool_),
+        }
+        note = None
+        if self.follow:  # the next task need not unpack this state from the rows of the engine
+            self._known["last"] = value, motion.final
+            note = partial(self._note, value, motion)
+        return Rows(arrays, {"ending": endings}, Cost(time.perf_counter() - began, work), note)
+
+    def _note(self, value: float, motion: Attractor) -> str:
+        """Return a value and its label from the kept states: a full label would cost too much."""
+        label = motion.label_within(self.keep)
+        name = "..." if label.kind is OrbitKind.UNSETTLED else str(label)
+        return f"{self.parameter} {value:.6g}: {name}"
+
+    def start_after(self, before: tuple[float, Array] | None) -> Any:
+        """Return the start after a value and its packed last state; that of the first for None."""
+        if before is None:
+            if not len(self.start):  # the default start of the system
+                return None
+            return self.system_at(float(self.values[0])).unpack_state(self.start)
+        value, packed = before
+        known, state = self._known.get("last", (None, None))
+        return state if known == value else self.system_at(value).unpack_state(packed)
 
     def system_at(self, value: float, known: Map | None = None) -> Map:
         """Return the system at a value, made from the system `known` at another value, if given."""
@@ -70,12 +174,6 @@ class Plan:
         if system is None:
             raise ValueError("system must be given to load a sweep that is to simulate; got None")
         return system.replace(**{self.parameter: value})
-
-    def first_start(self) -> Any:
-        """Return the start of the first value; None for the default start of the system."""
-        if not len(self.start):
-            return None
-        return self.system_at(float(self.values[0])).unpack_state(self.start)
 
     def motion(self, system: Map, start: Any) -> Attractor:
         """Simulate a system of the sweep."""
@@ -171,125 +269,3 @@ def _near(orbit: Attractor, other: Attractor, size: float) -> bool:
     states, there = (orbit.system.without_shift(o.states) for o in (orbit, other))
     nearest = float(np.linalg.norm(orbit.system.difference(states, there[-1]), axis=1).min())
     return nearest <= size * (float(np.linalg.norm(states, axis=1).max()) or 1.0)
-
-
-@final
-class Values(Points):
-    """The values of a sweep as points, chained when each follows the one before it."""
-
-    def __init__(self, plan: Plan) -> None:
-        self.plan = plan
-
-    def of(self, system: Map) -> Values:
-        """Return the points of a system."""
-        return Values(replace(self.plan, system=system, kind=kind_of(system)))
-
-    def __len__(self) -> int:
-        return len(self.plan.values)
-
-    @property
-    def chained(self) -> bool:
-        return self.plan.follow
-
-    @property
-    def work(self) -> Callable[[Any], Rows]:
-        return _Simulation(replace(self.plan, values=self.plan.values[:1]))
-
-    def task(self, first: int, last: int, found: Findings) -> Any:
-        values = self.plan.values
-        if not self.plan.follow or not first:
-            return values[first:last], None
-        return values[first:last], (float(values[first - 1]), found.arrays["final"][first - 1])
-
-    @property
-    def entries(self) -> Mapping[str, str]:
-        plan = self.plan
-        return {
-            "kind": KIND,
-            "system": plan.kind,
-            "parameter": plan.parameter,
-            "follow": str(plan.follow),
-            "start": start_of(plan.start),
-            **identity_of(plan.system_at(float(plan.values[0]))),
-            "transient": str(plan.transient),
-            "keep": str(plan.keep),
-            "observables": json.dumps(plan.observables),
-        }
-
-    @property
-    def inputs(self) -> Mapping[str, Anything]:
-        return {"values": self.plan.values, "start": self.plan.start}
-
-    @property
-    def columns(self) -> Columns:
-        observables = dict.fromkeys(self.plan.observables, ("f", (self.plan.keep,)))
-        return {
-            "count": ("i", ()),
-            "displaced": ("b", ()),
-            "final": ("f", (None,)),
-            **{f"observables/{name}": column for name, column in observables.items()},
-        }
-
-
-@final
-@dataclass(eq=False)
-class _Simulation:
-    """Simulation of some values to rows; its plan holds only the first value, for the start.
-
-    `last` is the value simulated last and its last state: the next task need not unpack this state
-    from the rows of the engine. `system` is the system at that value: the system at the next value
-    may reuse its parts.
-    """
-
-    plan: Plan
-    last: tuple[float, Any] | None = field(default=None, init=False)
-    system: Map | None = field(default=None, init=False)
-
-    def __call__(self, task: tuple[Array, tuple[float, Array] | None]) -> Rows:
-        plan, (values, before) = self.plan, task
-        n, began = len(values), time.perf_counter()
-        kept = {name: np.full((n, plan.keep), np.nan) for name in plan.observables}
-        counts, displaced = np.zeros(n, dtype=np.int64), np.zeros(n, dtype=np.bool_)
-        finals, endings, work = [], [], Counter[str]()
-        start = self._start(before)
-        for place, value in enumerate(values.tolist()):
-            try:
-                # a system at another value may know what does not depend on the parameter
-                system = self.system = plan.system_at(value, self.system)
-                if plan.follow:
-                    motion, displaced[place] = plan.following(system, start)
-                else:
-                    motion = plan.motion(system, start)
-            except Exception as error:
-                error.add_note(f"at {plan.parameter} {value}")
-                raise
-            for name, rows in kept.items():
-                found = motion.observable(name)
-                rows[place, : len(found)] = found
-                counts[place] = len(found)
-            finals.append(system.pack_state(motion.final))
-            endings.append(str(motion.ending.value))
-            work.update(motion.cost.counts)
-        arrays: dict[str, Anything] = {f"observables/{name}": rows for name, rows in kept.items()}
-        arrays |= {"final": np.array(finals), "count": counts, "displaced": displaced}
-        note = None
-        if plan.follow:
-            self.last = value, motion.final
-            note = partial(_note, plan, value, motion)
-        cost = Cost(time.perf_counter() - began, work)
-        return Rows(arrays, {"ending": endings}, cost, note)
-
-    def _start(self, before: tuple[float, Array] | None) -> Any:
-        if before is None:
-            return self.plan.first_start()
-        value, packed = before
-        if self.last is not None and self.last[0] == value:
-            return self.last[1]
-        return self.plan.system_at(value).unpack_state(packed)
-
-
-def _note(plan: Plan, value: float, motion: Attractor) -> str:
-    """Return a value and its label from the kept states: a full label would cost too much."""
-    label = motion.label_within(plan.keep)
-    name = "..." if label.kind is OrbitKind.UNSETTLED else str(label)
-    return f"{plan.parameter} {value:.6g}: {name}"

@@ -4,27 +4,27 @@ from __future__ import annotations
 
 import os
 from abc import abstractmethod
+from dataclasses import replace
 from typing import Any, ClassVar, Self
 
 from dynkit.core.smooth_map import checked_map
-from dynkit.data import store
+from dynkit.data import atomic_files as files, store
 from dynkit.data.result import Result
 from dynkit.dynamics.map import Map
-from dynkit.engine.collecting import read_rows, refuse_misfits, refuse_other, save_rows
-from dynkit.engine.points import Rows
+from dynkit.engine.collecting import Rows, read_rows, refuse_misfits, refuse_other, save_rows
 
 
 class Swept(Result):
-    """A result at points of the engine, with a plan.
+    """A result at points of the engine.
 
     A subclass must implement:
 
     1. `_kind`, the kind of its store, and `_words`, the names of the result and of its points in
        messages;
-    2. `_points_in`, the points of a store, with a plan without a system;
+    2. `_points_in`, the points of a store, without a system;
     3. `_of`, the result of points and rows.
 
-    The points have a `plan`, and ``of(system)`` returns the points of a system.
+    The points are a dataclass with the fields `system` and `kind`, and the `names` of parameters.
     """
 
     _kind: ClassVar[str]
@@ -58,19 +58,19 @@ class Swept(Result):
             When the file is missing, damaged or not a store of such a result, when the run is not
             finished, or was made with another system.
         """
-        file = store.place(path)
+        file = files.place("store", path)
         archive, found = read_rows(file, cls._kind)
         with store.understood(file, cls._kind):
             points = cls._points_in(archive)
             refuse_misfits(points, found)
         if system is not None:
             known = checked_map(system, Map).parameters
-            for name in points.plan.names:
+            for name in points.names:
                 if name not in known:
                     raise ValueError(
                         f"store {file} was made with parameter {name}; got a system without it"
                     )
-            points = points.of(system)
+            points = replace(points, system=system, kind=store.kind_of(system))
             refuse_other(file, points, archive)
         if not found.done.all():
             what, each = cls._words

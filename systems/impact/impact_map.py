@@ -68,12 +68,12 @@ _FORCES, _ALONG = ("harmonic_forces", "constant_forces"), ("contact", "side", "p
 
 
 def _alike(one: Any, other: Any) -> bool:
-    """Whether two values are one object, or tuples of equal numbers or of the same objects.
+    """Whether two values are tuples of equal numbers or of the same objects.
 
     A class that checks its arguments makes a new tuple each time.
     """
     if type(one) is not tuple or type(other) is not tuple or len(one) != len(other):
-        return one is other
+        return False
     numbers = {*map(type, one + other)} <= {float, complex}
     return one == other if numbers else all(map(is_, one, other))
 
@@ -162,8 +162,9 @@ class ImpactMap(DrivenStructure, Map):
     def _take(self, other: ImpactMap) -> None:
         """Share computed attributes with another oscillator, as far as their arguments agree."""
         own, known = vars(self), vars(other)
-        changed = {k for k, a in own.items() if not _alike(a, known.get(k))}
-        if changed <= independent(type(self)) - {"elements"}:
+        unlike = ((k, a, known.get(k)) for k, a in own.items() if a is not known.get(k))
+        changed = {k for k, a, b in unlike if not _alike(a, b)}
+        if "elements" not in changed and changed <= independent(type(self)):
             names = _OF_STRUCTURE if changed.intersection(OF_TABLE) else _OF_ALL
             own.update({name: known[name] for name in names if name in known})
             # where stops are at rest does not matter, but along what they act

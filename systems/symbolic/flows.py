@@ -10,9 +10,9 @@ from typing import TYPE_CHECKING, Any, final
 
 import numpy as np
 
-from dynkit.core.frames import stretched
 from dynkit.core.kept import cached_property
 from dynkit.core.no_motion import CannotFollow, NoCrossing
+from dynkit.core.smooth_map import stretched
 from dynkit.core.stretching import Stretching
 from dynkit.core.validation import (
     Array,

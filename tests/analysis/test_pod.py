@@ -15,7 +15,7 @@ from scipy import signal
 
 from dynkit.analysis import POD
 from dynkit.core.validation import Array
-from dynkit.dynamics.map_attractor import MapAttractor
+from dynkit.dynamics.attractor import MapAttractor
 from dynkit.plotting.figures import new_figure
 from dynkit.systems import Henon, ImpactChain
 

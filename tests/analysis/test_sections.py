@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from dynkit.analysis import ImpactSection, StroboscopicSection
-from dynkit.dynamics.map_attractor import MapAttractor
+from dynkit.dynamics.attractor import MapAttractor
 from dynkit.plotting.figures import new_figure
 from dynkit.systems import HardStop, Henon, ImpactChain, SoftStop
 from dynkit.systems.impact.oscillators.attractor import ImpactAttractor

@@ -11,7 +11,7 @@ import sympy as sp
 from flint import arb, ctx
 
 from dynkit.analysis import PowerSpectrum, TimeSeries
-from dynkit.dynamics.map_attractor import MapAttractor
+from dynkit.dynamics.attractor import MapAttractor
 from dynkit.plotting.figures import new_figure
 from dynkit.systems import Element, HardStop, Henon, ImpactChain, Logistic, SoftStop, SymbolicMap
 from dynkit.systems.impact.oscillators.attractor import ImpactAttractor

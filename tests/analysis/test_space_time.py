@@ -10,7 +10,7 @@ import pytest
 from matplotlib.figure import Figure
 
 from dynkit.analysis import SpaceTime
-from dynkit.dynamics.map_attractor import MapAttractor
+from dynkit.dynamics.attractor import MapAttractor
 from dynkit.plotting.figures import new_figure
 from dynkit.systems import Henon, ImpactChain
 

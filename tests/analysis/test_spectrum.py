@@ -12,7 +12,7 @@ from scipy import signal
 
 from dynkit.analysis import PowerSpectrum
 from dynkit.core.validation import Array
-from dynkit.dynamics.map_attractor import MapAttractor
+from dynkit.dynamics.attractor import MapAttractor
 from dynkit.plotting.figures import new_figure
 from dynkit.systems import Henon, ImpactChain, Logistic
 from dynkit.systems.impact.oscillators.attractor import ImpactAttractor

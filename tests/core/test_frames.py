@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from dynkit.core.frames import stretched
+from dynkit.core.smooth_map import stretched
 
 
 def lapack(matrices: np.ndarray, frame: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

@@ -6,7 +6,8 @@ import h5py
 import numpy as np
 import pytest
 
-from dynkit.data.store import Archive, locked, place, read, write
+from dynkit.data.atomic_files import locked, place
+from dynkit.data.store import Archive, read, write
 
 ENTRIES = {"kind": "test", "grüße": "ωγ"}
 ARRAYS = {"values": np.array([0.1, np.nan, -0.0]), "group/none yet": np.empty((0, 4))}
@@ -104,35 +105,35 @@ def test_a_missing_store_is_refused(tmp_path: Path) -> None:
 
 def test_a_missing_folder_is_refused(tmp_path: Path) -> None:
     with pytest.raises(ValueError, match=r"store must be in a folder that exists; got .*x\.h5"):
-        place(tmp_path / "none" / "x.h5")
+        place("store", tmp_path / "none" / "x.h5")
 
 
 @pytest.mark.parametrize("name", ["a" * 1000, "a\0b"])
 def test_an_impossible_name_is_refused(tmp_path: Path, name: str) -> None:
     with pytest.raises(ValueError, match="store must be a file; got"):
-        place(tmp_path / name)
+        place("store", tmp_path / name)
 
 
 def test_a_link_stays_a_link(stored: Path) -> None:
     link = stored.with_name("link.h5")
     link.symlink_to(stored)
-    write(place(link), Archive({"new": "yes"}, {}))
+    write(place("store", link), Archive({"new": "yes"}, {}))
     assert link.is_symlink()
     assert read(stored).entries == {"new": "yes"}
 
 
 def test_a_locked_store_is_refused(stored: Path) -> None:
     with (
-        locked(stored),
+        locked("store", stored),
         pytest.raises(ValueError, match=r"in use by another writer; got .*x\.h5"),
-        locked(stored),
+        locked("store", stored),
     ):
         pass
 
 
 def test_a_lock_is_given_back(stored: Path) -> None:
     for _ in range(2):
-        with locked(stored):
+        with locked("store", stored):
             pass
     assert list(stored.parent.iterdir()) == [stored]
 
@@ -140,7 +141,7 @@ def test_a_lock_is_given_back(stored: Path) -> None:
 def test_a_lock_file_that_nobody_holds_is_taken_over(stored: Path) -> None:
     left_behind = stored.with_name(".x.h5.lock")
     left_behind.touch()
-    with locked(stored):
+    with locked("store", stored):
         pass
     assert not left_behind.exists()
 
@@ -154,6 +155,6 @@ def test_a_folder_that_cannot_be_written_is_refused(
     monkeypatch.setattr(os, "open", refuse)
     with (
         pytest.raises(ValueError, match=r"can be written; got .*x\.h5 \(Permission"),
-        locked(stored),
+        locked("store", stored),
     ):
         pass

@@ -6,8 +6,8 @@ from mpmath import mp, mpf
 
 from dynkit.core.no_motion import Diverged, NoCrossing, Refused
 from dynkit.core.validation import Array
+from dynkit.dynamics.attractor import MapAttractor
 from dynkit.dynamics.map import Map
-from dynkit.dynamics.map_attractor import MapAttractor
 from dynkit.dynamics.poincare_map import PoincareMap
 from dynkit.dynamics.section import Hyperplane
 from dynkit.labels.label import OrbitKind

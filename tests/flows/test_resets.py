@@ -26,7 +26,7 @@ from dynkit import (
     periodic_orbit,
 )
 from dynkit.analysis import LyapunovSpectrum
-from dynkit.core.stretching import product_with_error
+from dynkit.core.smooth_map import product_with_error
 from dynkit.core.validation import Array
 from dynkit.systems import CompassGait, Lorenz, SimplestWalker, SymbolicFlow, SymbolicHybridFlow
 from dynkit.testing import FlowCheck, MapCheck, check_name, flow_checks, map_checks

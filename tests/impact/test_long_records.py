@@ -15,7 +15,7 @@ from hypothesis import given
 from dynkit import basins, parameter_map
 from dynkit.analysis import PowerSpectrum, TimeSeries
 from dynkit.core import progress
-from dynkit.dynamics.map_attractor import MapAttractor
+from dynkit.dynamics.attractor import MapAttractor
 from dynkit.systems import Henon, ImpactChain
 from dynkit.systems.impact.oscillators.attractor import ImpactAttractor
 from dynkit.systems.impact.records import record as records

@@ -10,8 +10,7 @@ import pytest
 from dynkit import Basins, MapAttractor, basins, continue_orbit, parameter_map
 from dynkit.core.validation import Array, finite_array
 from dynkit.dynamics.map import Map
-from dynkit.labels.columns import empty_columns, label_in, put_label
-from dynkit.labels.label import OrbitKind, OrbitLabel
+from dynkit.labels.label import OrbitKind, OrbitLabel, empty_columns, label_in, put_label
 from dynkit.labels.labelling import Window, label_orbit
 from dynkit.labels.recurrence import Recurrences
 from dynkit.labels.rotation import Rotation, rotation_of

@@ -7,7 +7,7 @@ import pytest
 from numpy.typing import NDArray
 
 from dynkit.core.validation import Array
-from dynkit.dynamics.map_attractor import MapAttractor
+from dynkit.dynamics.attractor import MapAttractor
 from dynkit.labels.label import OrbitKind, OrbitLabel
 from dynkit.orbits.harmonics import harmonics_needed, harmonics_of
 from dynkit.systems import BouncingBall, ImpactChain, Logistic

@@ -18,8 +18,8 @@ import dynkit.data.store
 from dynkit import Sweep, WorkerLost, explore, parameter_map, sweep
 from dynkit.core.no_motion import Refused
 from dynkit.engine import executors as executing
+from dynkit.engine.collecting import chunks_of
 from dynkit.engine.executors import finished
-from dynkit.engine.points import chunks_of
 from dynkit.systems import Henon, Logistic
 from tests.scaling.cases import (
     SHORT,

@@ -6,6 +6,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+import dynkit.data.atomic_files
 import dynkit.data.store
 from dynkit import sweep
 from dynkit.engine import collecting
@@ -88,7 +89,7 @@ def test_an_unfinished_store_of_another_version_is_refused(
 
 def test_a_store_in_use_is_refused(tmp_path: Path) -> None:
     with (
-        dynkit.data.store.locked(tmp_path / "x.h5"),
+        dynkit.data.atomic_files.locked("store", tmp_path / "x.h5"),
         pytest.raises(ValueError, match=r"store must not be in use by another writer; got .*x\.h5"),
     ):
         sweep_rates(tmp_path / "x.h5")

@@ -9,9 +9,8 @@ from dynkit import testing
 from dynkit.core.cost import Cost
 from dynkit.core.smooth_map import SmoothMap
 from dynkit.core.validation import Array
-from dynkit.dynamics.attractor import Attractor
+from dynkit.dynamics.attractor import Attractor, MapAttractor
 from dynkit.dynamics.map import Map
-from dynkit.dynamics.map_attractor import MapAttractor
 from dynkit.dynamics.section import PoincareSection
 from dynkit.labels.label import OrbitLabel
 from dynkit.systems import Henon, Logistic

@@ -16,10 +16,9 @@ from dynkit.core.kept import cached_property
 from dynkit.core.validation import Array
 from dynkit.data.store import identity_of, kind_of
 from dynkit.dynamics.attractor import Attractor
+from dynkit.engine.collecting import Anything, Columns, Findings, Points, Rows, chunks_of
 from dynkit.engine.executors import finished
-from dynkit.engine.points import Anything, Columns, Findings, Points, Rows, chunks_of
-from dynkit.labels.columns import COLUMNS
-from dynkit.labels.label import OrbitKind
+from dynkit.labels.label import COLUMNS, OrbitKind
 from dynkit.sweeps.basins.classification import Look, orbit_size
 from dynkit.sweeps.basins.matching import NEAR, label_at, nearest, orbits_in, size_of
 

@@ -14,9 +14,8 @@ from dynkit.core.no_motion import Diverged, NoCrossing, NoMotion, Refused
 from dynkit.core.validation import Array
 from dynkit.dynamics.attractor import Attractor
 from dynkit.dynamics.map import Map
-from dynkit.engine.points import Anything, Rows
-from dynkit.labels.columns import empty_columns, put_label
-from dynkit.labels.label import OrbitKind, OrbitLabel
+from dynkit.engine.collecting import Anything, Rows
+from dynkit.labels.label import OrbitKind, OrbitLabel, empty_columns, put_label
 
 UNSETTLED, RUNS_AWAY, NO_CROSSING, NO_STATE, NO_MOTION = -1, -2, -3, -4, -5
 

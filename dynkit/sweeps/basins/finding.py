@@ -15,9 +15,8 @@ from dynkit.core.validation import (
     within_memory,
 )
 from dynkit.dynamics.map import Map
-from dynkit.engine.collecting import collect
+from dynkit.engine.collecting import MOST_POINTS, collect
 from dynkit.engine.executors import all_finished
-from dynkit.engine.points import MOST_POINTS
 from dynkit.sweeps.basins.arriving import Starts
 from dynkit.sweeps.basins.classification import look_at
 from dynkit.sweeps.basins.matching import group_starts

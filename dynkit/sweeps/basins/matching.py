@@ -10,9 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dynkit.core.validation import Array
-from dynkit.engine.points import Rows, chunks_of
-from dynkit.labels.columns import KINDS, label_in
-from dynkit.labels.label import OrbitKind, OrbitLabel
+from dynkit.engine.collecting import Rows, chunks_of
+from dynkit.labels.label import KINDS, OrbitKind, OrbitLabel, label_in
 from dynkit.sweeps.basins.basin import Basin
 from dynkit.sweeps.basins.classification import UNSETTLED, Look, orbit_size
 

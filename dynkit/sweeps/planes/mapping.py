@@ -12,7 +12,7 @@ from dynkit.data.store import kind_of
 from dynkit.dynamics.map import Map
 from dynkit.engine.collecting import collect
 from dynkit.sweeps.plan import known_names, packed_start
-from dynkit.sweeps.planes.plan import Grid, Plan, axes_of
+from dynkit.sweeps.planes.plan import Plan, axes_of
 from dynkit.sweeps.planes.result import ParameterMap
 
 
@@ -83,9 +83,8 @@ def parameter_map(
     [['P(1)', 'P(1)'], ['P(2)', 'P(4)'], ['P(2)', 'chaotic']]
     """
     axes = axes_of(checked_map(system, Map), values)
-    origin = {name: float(axis[0]) for name, axis in axes.items()}
-    (first, one), (second, other) = origin.items()
-    packed = packed_start(system.replace(**origin), start)
+    first, second = axes
+    packed = packed_start(system.replace(**{name: float(a[0]) for name, a in axes.items()}), start)
     kept = positive_integer("keep", keep)
     plan = Plan(
         system,
@@ -96,7 +95,6 @@ def parameter_map(
         known_names(system.observables, observables),
         non_negative_integer("exponents", exponents),
         packed,
-        (one, other),
+        (axes[first], axes[second]),
     )
-    grid = Grid(plan, (axes[first], axes[second]))
-    return ParameterMap._of(grid, collect(grid, executor=executor, store=store, progress=progress))
+    return ParameterMap._of(plan, collect(plan, executor=executor, store=store, progress=progress))

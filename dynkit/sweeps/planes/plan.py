@@ -1,4 +1,4 @@
-"""The plan of a map of two parameters, and its pairs as points of the engine."""
+"""The plan of a map of two parameters: its pairs of values are points of the engine."""
 
 from __future__ import annotations
 
@@ -15,11 +15,11 @@ from dynkit.core.cost import Cost
 from dynkit.core.kept import cached_property
 from dynkit.core.no_motion import NoMotion, Refused, replaced
 from dynkit.core.validation import Array
-from dynkit.data.store import identity_of, kind_of
+from dynkit.data.store import identity_of
 from dynkit.dynamics.attractor import Attractor
 from dynkit.dynamics.map import Map
-from dynkit.engine.points import MOST_POINTS, Anything, Columns, Findings, Points, Rows
-from dynkit.labels.columns import COLUMNS, empty_columns, put_label
+from dynkit.engine.collecting import MOST_POINTS, Anything, Columns, Findings, Points, Rows
+from dynkit.labels.label import COLUMNS, empty_columns, put_label
 from dynkit.sweeps.plan import start_of, swept_values
 
 KIND = "map of two parameters"
@@ -33,8 +33,10 @@ start at it."""
 
 @final
 @dataclass(frozen=True, eq=False)
-class Plan:
-    """The arguments of a map of two parameters, checked by `parameter_map`; small and picklable.
+class Plan(Points):
+    """The arguments of a map of two parameters, checked by `parameter_map`.
+
+    The pairs of values are points of the engine; the second value changes fastest.
 
     Parameters
     ----------
@@ -50,8 +52,8 @@ class Plan:
         Number of states for the largest Lyapunov exponent; 0 for no exponents.
     start : array
         The packed start of all points; empty for the default start of the system.
-    origin : (float, float)
-        The pair of values at which the start was packed.
+    values : (array, array)
+        Values of the parameters, (k1,) and (k2,). The start was packed at the first pair.
     """
 
     system: Map | None
@@ -62,14 +64,53 @@ class Plan:
     observables: tuple[str, ...]
     exponents: int
     start: Array
-    origin: tuple[float, float]
+    values: tuple[Array, Array]
+
+    def __len__(self) -> int:
+        return len(self.values[0]) * len(self.values[1])
+
+    @property
+    def work(self) -> Callable[[Array], Rows]:
+        one, other = self.values  # the first pair is needed for the start
+        return replace(self, values=(one[:1], other[:1]))
+
+    def task(self, first: int, last: int, found: Findings) -> Array:  # noqa: ARG002
+        i, j = np.divmod(np.arange(first, last), len(self.values[1]))
+        return np.stack([self.values[0][i], self.values[1][j]], axis=1)
+
+    @property
+    def entries(self) -> Mapping[str, str]:
+        return {
+            "kind": KIND,
+            "system": self.kind,
+            "parameters": json.dumps(self.names),
+            "start": start_of(self.start),
+            **identity_of(self._first),
+            "transient": str(self.transient),
+            "keep": str(self.keep),
+            "observables": json.dumps(self.observables),
+            "exponents": str(self.exponents),
+        }
+
+    @property
+    def columns(self) -> Columns:
+        found: Columns = {**COLUMNS, "largest": ("f", (len(self.observables),))}
+        return {**found, "exponent": ("f", ())} if self.exponents else found
+
+    @property
+    def inputs(self) -> Mapping[str, Anything]:
+        first, second = self.values
+        one, other = self.names
+        values = {f"values of {one}": first, f"values of {other}": second}
+        return {**values, "start": self.start}
 
     @cached_property
     def _first(self) -> Map:
-        """The system at the origin, of which those at other pairs may keep parts."""
+        """The system at the first pair, of which those at other pairs may keep parts."""
         if self.system is None:
             raise ValueError("system must be given to load a map that is to simulate; got None")
-        return replaced(self.system, **dict(zip(self.names, self.origin, strict=True)))
+        first = zip(self.names, (float(axis[0]) for axis in self.values), strict=True)
+        return replaced(self.system, **dict(first))
 
     def system_at(self, first: float, second: float) -> Map:
         """Return the system at a pair of values."""
@@ -179,55 +220,3 @@ def _places_of(family: Map, one: tuple[str, float, int], other: tuple[str, float
         except Refused:
             return at
     return f"{own} with {beside}"
-
-
-@final
-class Grid(Points):
-    """All pairs of values as points; the second value changes fastest."""
-
-    def __init__(self, plan: Plan, values: tuple[Array, Array]) -> None:
-        self.plan = plan
-        self.values = values
-
-    def of(self, system: Map) -> Grid:
-        """Return the points of a system."""
-        return Grid(replace(self.plan, system=system, kind=kind_of(system)), self.values)
-
-    def __len__(self) -> int:
-        return len(self.values[0]) * len(self.values[1])
-
-    @property
-    def work(self) -> Callable[[Array], Rows]:
-        return self.plan
-
-    def task(self, first: int, last: int, found: Findings) -> Array:  # noqa: ARG002
-        i, j = np.divmod(np.arange(first, last), len(self.values[1]))
-        return np.stack([self.values[0][i], self.values[1][j]], axis=1)
-
-    @property
-    def entries(self) -> Mapping[str, str]:
-        plan = self.plan
-        return {
-            "kind": KIND,
-            "system": plan.kind,
-            "parameters": json.dumps(plan.names),
-            "start": start_of(plan.start),
-            **identity_of(plan.system_at(*plan.origin)),
-            "transient": str(plan.transient),
-            "keep": str(plan.keep),
-            "observables": json.dumps(plan.observables),
-            "exponents": str(plan.exponents),
-        }
-
-    @property
-    def columns(self) -> Columns:
-        plan = self.plan
-        found: Columns = {**COLUMNS, "largest": ("f", (len(plan.observables),))}
-        return {**found, "exponent": ("f", ())} if plan.exponents else found
-
-    @property
-    def inputs(self) -> Mapping[str, Anything]:
-        first, second = self.values
-        one, other = self.plan.names
-        values = {f"values of {one}": first, f"values of {other}": second}
-        return {**values, "start": self.plan.start}

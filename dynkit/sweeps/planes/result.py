@@ -20,10 +20,9 @@ from dynkit.core.validation import Array, index_in, one_of, read_only
 from dynkit.data.dataset import Dataset, described
 from dynkit.data.store import Archive
 from dynkit.dynamics.attractor import Attractor
-from dynkit.engine.points import Rows
-from dynkit.labels.columns import KINDS, label_in
-from dynkit.labels.label import OrbitKind, OrbitLabel
-from dynkit.sweeps.planes.plan import KIND, OTHER_ENDS, Grid, Plan
+from dynkit.engine.collecting import Rows
+from dynkit.labels.label import KINDS, OrbitKind, OrbitLabel, label_in
+from dynkit.sweeps.planes.plan import KIND, OTHER_ENDS, Plan
 from dynkit.sweeps.swept import Swept
 from dynkit.viewer.page import Page
 from dynkit.viewer.viewing import Viewed
@@ -83,18 +82,18 @@ class ParameterMap(Viewed, Swept):
     periods: NDArray[np.int64]
     endings: NDArray[np.str_]
     cost: Cost
-    _points: Grid
+    _points: Plan
     _rows: Rows
 
     _kind: ClassVar = KIND
     _words: ClassVar = ("map", "points")
 
     @classmethod
-    def _points_in(cls, archive: Archive) -> Grid:
+    def _points_in(cls, archive: Archive) -> Plan:
         entries, arrays = archive.entries, archive.arrays
         first, second = json.loads(entries["parameters"])
         values = arrays[f"given/values of {first}"], arrays[f"given/values of {second}"]
-        plan = Plan(
+        return Plan(
             None,
             entries["system"],
             (first, second),
@@ -103,24 +102,23 @@ class ParameterMap(Viewed, Swept):
             tuple(json.loads(entries["observables"])),
             int(entries["exponents"]),
             arrays["given/start"],
-            (float(values[0][0]), float(values[1][0])),
+            values,
         )
-        return Grid(plan, values)
 
     @classmethod
-    def _of(cls, points: Grid, rows: Rows) -> ParameterMap:
+    def _of(cls, points: Plan, rows: Rows) -> ParameterMap:
         """Return the result from the rows of all pairs."""
-        plan, shape = points.plan, tuple(map(len, points.values))
+        shape = tuple(map(len, points.values))
         endings = np.array(rows.texts["ending"]).reshape(shape)
         for array in (*points.values, *rows.arrays.values(), endings):
             array.setflags(write=False)
         numbers = rows.arrays["numbers"].reshape(*shape, -1)
         return cls(
-            plan.names,
-            MappingProxyType(dict(zip(plan.names, points.values, strict=True))),
-            plan.transient,
-            plan.keep,
-            plan.observables,
+            points.names,
+            MappingProxyType(dict(zip(points.names, points.values, strict=True))),
+            points.transient,
+            points.keep,
+            points.observables,
             iterates=numbers[..., 0],
             periods=numbers[..., 1],
             endings=endings,
@@ -182,7 +180,7 @@ class ParameterMap(Viewed, Swept):
         ValueError
             When the map was made without exponents.
         """
-        if not self._points.plan.exponents:
+        if not self._points.exponents:
             raise ValueError("exponents must be asked for when the map is made; got 0")
         found: Array = self._rows.arrays["exponent"]
         return found.reshape(self._shape)
@@ -210,7 +208,7 @@ class ParameterMap(Viewed, Swept):
 
     def _facts(self) -> Facts:
         return {
-            "system": line_of(self._points.plan.system, self._points.plan.kind, self.parameters),
+            "system": line_of(self._points.system, self._points.kind, self.parameters),
             **self.values,
             "states at each": f"{self.keep} kept after {self.transient}",
             "observables": self.observables,
@@ -258,7 +256,7 @@ class ParameterMap(Viewed, Swept):
         """
         self._place(i, j)
         first, second = self.values.values()
-        return self._points.plan.motion(float(first[i]), float(second[j]))
+        return self._points.motion(float(first[i]), float(second[j]))
 
     def plot(self, ax: Axes | None = None) -> Axes:
         """Draw the kinds of motion over the plane of the two parameters, and return the axes.
@@ -285,7 +283,7 @@ class ParameterMap(Viewed, Swept):
         """Return labels and observables as a dataset over the two parameters."""
         over = self.parameters
         found = {f"largest_{name}": (over, self.largest(name)) for name in self.observables}
-        if self._points.plan.exponents:
+        if self._points.exponents:
             found["exponent"] = (over, self.exponents)
         return Dataset(
             {name: (name, values) for name, values in self.values.items()},
@@ -301,7 +299,7 @@ class ParameterMap(Viewed, Swept):
                 "Kinds of motion over two parameters",
                 cost=self.cost,
                 error="uncertainty of the label, OrbitLabel.error; its meaning depends on the kind",
-                system=self._points.plan.system,
+                system=self._points.system,
                 swept=over,
                 transient=float(self.transient),
                 keep=float(self.keep),
