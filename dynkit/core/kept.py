@@ -71,7 +71,7 @@ def kept(
         known: dict[tuple[Any, ...], _Found] = vars(self).setdefault("_kept", {})
         key: tuple[Any, ...] = (name, *given)
         try:  # to hash a key may take longer than all else, and is done once
-            made = known.get(key, _NONE)
+            made: _Found = known.get(key, _NONE)
         except TypeError:  # arrays have no hash
             key = tuple(one.tobytes() if isinstance(one, np.ndarray) else one for one in key)
             made = known.get(key, _NONE)
