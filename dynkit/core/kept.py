@@ -12,6 +12,8 @@ import numpy as np
 _Given = ParamSpec("_Given")
 _Found = TypeVar("_Found")
 
+_NONE: Any = object()
+"""What stands for no result."""
 
 ANY_CACHED = functools.cached_property
 """The class of all cached properties, also of those of users' classes."""
@@ -68,14 +70,15 @@ def kept(
     def found(self: Any, /, *given: _Given.args, **none: _Given.kwargs) -> _Found:
         known: dict[tuple[Any, ...], _Found] = vars(self).setdefault("_kept", {})
         key: tuple[Any, ...] = (name, *given)
-        try:
-            hash(key)
-        except TypeError:  # arrays have none
+        try:  # to hash a key may take longer than all else, and is done once
+            made: _Found = known.get(key, _NONE)
+        except TypeError:  # arrays have no hash
             key = tuple(one.tobytes() if isinstance(one, np.ndarray) else one for one in key)
-        if key not in known:
+            made = known.get(key, _NONE)
+        if made is _NONE:
             known[key] = made = method(self, *given, **none)
             if isinstance(made, np.ndarray):
                 made.setflags(write=False)
-        return known[key]
+        return made
 
     return found

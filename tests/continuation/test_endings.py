@@ -188,7 +188,7 @@ class Loaded(ImpactChain):
 def test_a_branch_ends_where_energies_are_refused() -> None:
     chain = Loaded(masses=2, frequency=0.87, restitution=0.8)
     orbit = chain.attractor().periodic_orbit()
-    branch = continue_orbit(orbit, "load", bounds=(0.3, 3.0))
+    branch = continue_orbit(orbit, "load", bounds=(0.3, 3.0), step=0.1, largest_step=0.25)
     assert branch.parameter.min() == 0.3
     assert 1.0 - 1e-6 < branch.parameter.max() <= 1.0
 

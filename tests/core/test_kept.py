@@ -41,6 +41,22 @@ def test_arrays_count_by_their_numbers() -> None:
     assert asked.of(numbers) is not first
 
 
+def test_what_is_kept_is_found_by_one_hash() -> None:
+    """To hash the arguments, such as modes of a machine, takes longer than to find the result."""
+    hashed = []
+
+    class Mode:
+        def __hash__(self) -> int:
+            hashed.append(self)
+            return 1
+
+    asked, mode = Asked(), Mode()
+    asked.of(mode)
+    hashed.clear()
+    asked.of(mode)
+    assert hashed == [mode]
+
+
 def test_results_are_read_only() -> None:
     assert not Asked().of(1).flags.writeable
 

@@ -10,6 +10,7 @@ from dynkit.core.validation import Array, finite_array
 from dynkit.systems import IntegratedFlow, VanDerPol
 from dynkit.testing import check_flow
 from tests.flows.integrated_flows import Duffing
+from tests.validation.cycles import VanDerPol as Relaxing
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -28,22 +29,6 @@ class Pulled(IntegratedFlow):
         return np.array([[-self.rate, -self.rate * np.sin(t) - np.cos(t)], [0.0, 0.0]])
 
 
-@dataclass(frozen=True, kw_only=True)
-class Relaxing(IntegratedFlow):
-    """Van der Pol's oscillator, for an integrator without symbols."""
-
-    mu: float = 100.0
-    dimension = 2
-
-    def velocity(self, state: Array) -> Array:
-        x, v = finite_array("state", state, (2,)).tolist()
-        return np.array([v, self.mu * (1.0 - x * x) * v - x])
-
-    def velocity_jacobian(self, state: Array) -> Array:
-        x, v = finite_array("state", state, (2,)).tolist()
-        return np.array([[0.0, 1.0], [-2.0 * self.mu * x * v - 1.0, self.mu * (1.0 - x * x)]])
-
-
 @pytest.mark.parametrize("tolerance", [1e-4, 1e-6, 1e-8])
 def test_a_closed_form_is_met_within_the_estimate(tolerance: float) -> None:
     flow = Pulled(method="Radau", tolerance=tolerance)
@@ -59,7 +44,7 @@ def test_relaxation_is_that_of_taylors_method_within_the_estimate(
 ) -> None:
     draw = np.random.default_rng(seed)
     start, duration = draw.uniform(-2.0, 2.0, 2), float(draw.uniform(20.0, 200.0))
-    flow = Relaxing(method="Radau", tolerance=tolerance)
+    flow = Relaxing(mu=100.0, method="Radau", tolerance=tolerance)
     exact = VanDerPol(mu=100.0).advance(start, duration)
     off = np.linalg.norm(flow.advance(start, duration) - exact)
     assert off <= flow.advance_error(start, duration)
@@ -69,7 +54,7 @@ def test_its_cycle_crosses_where_that_of_taylors_method_does() -> None:
     plane = Hyperplane(np.array([1.0, 0.0]))
     found, exact = (
         PoincareMap(flow, plane, time_limit=400.0).crossing(np.array([1.0]))
-        for flow in (Relaxing(method="Radau", tolerance=1e-8), VanDerPol(mu=100.0))
+        for flow in (Relaxing(mu=100.0, method="Radau", tolerance=1e-8), VanDerPol(mu=100.0))
     )
     assert found.time == pytest.approx(exact.time, rel=1e-6)
     assert found.state == pytest.approx(exact.state, rel=1e-6, abs=1e-12)

@@ -23,7 +23,7 @@ from dynkit.systems import (
 from dynkit.systems.impact.simulation.runs import trajectory_of
 from dynkit.systems.impact.simulation.trajectory import Ending
 from tests.effort import is_thorough
-from tests.impact.agreement import moves_as_in_many_digits
+from tests.impact.agreement import moves_as_in_many_digits, random_chain
 
 
 def block(frequency: float = 1.0, drive: float = 0.0, **numbers: Any) -> ImpactChain:
@@ -396,25 +396,7 @@ def random_machine(seed: int, *, hit: bool) -> tuple[ImpactChain, Array, Array]:
                 side=str(random.choice(["above", "below"])),
             )
         )
-    if random.random() < 0.5:
-        dashpot = random.choice([0.0, 0.3])
-        elements.append(
-            SoftStop(0, offset=-0.2, stiffness=random.uniform(0.5, 9.0), damping=dashpot)
-        )
-    if hit:
-        r = random.choice([0.0, random.uniform(0.3, 0.9)])
-        elements.append(HardStop(n - 1, offset=-0.2, amplitude=0.2, restitution=r))
-    chain = ImpactChain(
-        masses=tuple(random.uniform(0.5, 2.0, n).tolist()),
-        damping=random.choice([0.0, 0.1]),
-        frequency=random.uniform(0.4, 1.6),
-        harmonic_forces=random.normal(size=n),
-        constant_forces=0.3 * random.normal(size=n) - [*[0.0] * (n - 1), 0.5 * hit],
-        elements=[elements[k] for k in random.permutation(len(elements))],
-    )
-    place = random.normal(size=n)
-    place[-1] = 0.3 + abs(place[-1])
-    return chain, place, random.normal(size=n)
+    return random_chain(random, n, elements, hit=hit)
 
 
 @pytest.mark.parametrize("hit", [False, True])

@@ -20,6 +20,7 @@ from dynkit.systems import (
     iwan,
 )
 from tests.effort import is_thorough
+from tests.impact.agreement import random_chain
 from tests.reference.soft_stops import DIGITS, SoftStopReference
 from tests.validation.machines import compared
 
@@ -375,25 +376,7 @@ def random_machine(seed: int, *, hit: bool) -> tuple[ImpactChain, Array, Array]:
         static = random.choice([force, 1.4 * force])
         rubbed = int(random.integers(0, n - hit))
         elements.append(DryFriction(rubbed, force=force, static=static, velocity=belt))
-    if random.random() < 0.5:
-        dashpot = random.choice([0.0, 0.3])
-        elements.append(
-            SoftStop(0, offset=-0.2, stiffness=random.uniform(0.5, 9.0), damping=dashpot)
-        )
-    if hit:
-        r = random.choice([0.0, random.uniform(0.3, 0.9)])
-        elements.append(HardStop(n - 1, offset=-0.2, amplitude=0.2, restitution=r))
-    chain = ImpactChain(
-        masses=tuple(random.uniform(0.5, 2.0, n).tolist()),
-        damping=random.choice([0.0, 0.1]),
-        frequency=random.uniform(0.4, 1.6),
-        harmonic_forces=random.normal(size=n),
-        constant_forces=0.3 * random.normal(size=n) - [*[0.0] * (n - 1), 0.5 * hit],
-        elements=[elements[k] for k in random.permutation(len(elements))],
-    )
-    place = random.normal(size=n)
-    place[-1] = 0.3 + abs(place[-1])
-    return chain, place, random.normal(size=n)
+    return random_chain(random, n, elements, hit=hit)
 
 
 def agrees(chain: ImpactChain, place: Array, velocity: Array, *, hit: bool) -> None:
