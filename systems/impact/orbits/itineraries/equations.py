@@ -496,5 +496,5 @@ class ItineraryEquations(ImpactProblem):
 
 
 def _event(border: Border, solution: ItinerarySolution) -> Event:
-    value = border.value(solution)  # may set border.ends and border.power: evaluated first
-    return Event(border.kind, border.part, value, border.ends, border.power)
+    value = border.value(solution)  # may set border.ends: evaluated first
+    return Event(border.kind, border.part, value, border.ends)
