@@ -12,7 +12,7 @@ from functools import partial
 from typing import Any, final
 
 from dynkit.continuation.bifurcations.bifurcation import Bifurcation, borders_a_motion
-from dynkit.continuation.bifurcations.kinds import KINDS, Noticed
+from dynkit.continuation.bifurcations.kinds import KINDS
 from dynkit.continuation.checks import checked_bounds
 from dynkit.continuation.continuing import continue_orbit
 from dynkit.continuation.initial_orbits import Describe, Search, searches_of, seeds_of
@@ -397,7 +397,7 @@ def _switched(bifurcation: Bifurcation) -> tuple[list[ProblemSolution], str]:
         orbits = [_once(orbit) for orbit in bifurcation.switch()]
     except _REFUSALS as refusal:
         return [], f"switching fails: {refusal}"
-    missing = not orbits and KINDS[bifurcation.kind].noticed is Noticed.TEST_FUNCTION
+    missing = not orbits and KINDS[bifurcation.kind].defining_system is not None
     return orbits, "no orbit was found on another branch" if missing else ""
 
 

@@ -30,15 +30,12 @@ class Event:
         defined, NaN where its sign has no meaning.
     ends : bool
         Whether no orbits of this kind, admissible or not, exist beyond the border.
-    power : float
-        Power of the distance from the border to which a positive value is proportional.
     """
 
     kind: BifurcationKind
     part: int
     value: float
     ends: bool = False
-    power: float = 1.0
 
 
 class Condition(ABC):

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from fractions import Fraction
 from typing import TYPE_CHECKING
@@ -141,6 +142,15 @@ class Chain(LagrangianStructure):
 
     def dissipation(self, v: tuple[sympy.Symbol, ...]) -> sympy.Expr:
         return chain_links(self.dashpots, v)
+
+    def _matrices(self) -> tuple[SymmetricMatrix, ...]:
+        if self._has_energies(*_OWN):
+            with suppress(OverflowError):  # an energy tells which element it is
+                return chain_matrices(self.masses, self.dashpots, self.springs)
+        return super()._matrices()
+
+
+_OWN = Chain.kinetic, Chain.potential, Chain.dissipation
 
 
 def element_values(

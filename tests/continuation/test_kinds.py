@@ -5,8 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from dynkit.continuation.bifurcations.kinds import KINDS, Kind, Noticed
+from dynkit.continuation.bifurcations.kinds import KINDS, Kind
 from dynkit.continuation.continuing import continue_orbit
+from dynkit.continuation.test_functions import TESTS
 from dynkit.orbits.kinds import BifurcationKind
 from dynkit.orbits.spectrum import Spectrum
 from tests.continuation.starts import logistic
@@ -16,11 +17,9 @@ def test_every_kind_has_a_row() -> None:
     assert list(KINDS) == list(BifurcationKind)
 
 
-@pytest.mark.parametrize("row", KINDS.values(), ids=KINDS)
-def test_test_functions_have_defining_systems_and_events_leave_them_to_the_problem(
-    row: Kind,
-) -> None:
-    assert (row.defining_system is not None) == (row.noticed is Noticed.TEST_FUNCTION)
+def test_test_functions_have_defining_systems_and_events_leave_them_to_the_problem() -> None:
+    with_system = {kind for kind, row in KINDS.items() if row.defining_system is not None}
+    assert with_system == {test.kind for test in TESTS}
 
 
 @pytest.mark.parametrize("row", KINDS.values(), ids=KINDS)

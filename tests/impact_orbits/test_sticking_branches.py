@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from functools import cache, partial
 from itertools import pairwise
 from pathlib import Path
@@ -19,7 +18,6 @@ from dynkit.continuation.bifurcations.bifurcation import Bifurcation
 from dynkit.continuation.results.branch import Branch
 from dynkit.core.validation import Array
 from dynkit.orbits.solving import solve
-from dynkit.systems.impact.orbits.itineraries.borders import power_of
 from dynkit.systems.impact.orbits.itineraries.several_modes.crossings import held_directions
 from dynkit.systems.impact.orbits.orbit import ImpactOrbit
 from dynkit.systems.impact.oscillators.chain import ImpactChain
@@ -494,35 +492,3 @@ def test_an_invariant_curve_is_as_large_as_the_coefficient_says() -> None:
     off = (held[:, : 2 * n] - solution.before[0, : 2 * n]) / units
     size = np.mean(abs(off @ basis @ left) ** 2)
     assert size == pytest.approx(expected, rel=0.01)
-
-
-# --- where a chatter only just ends ---------------------------------------------------------------
-
-
-def contact_after(restitution: float, velocity: float) -> float | None:
-    """Time left to zero force where bounces in front of a stop end; None where they do not.
-
-    The force of contact falls as -t, and the first bounce is at t = -1.
-    """
-    left, u = 1.0, velocity
-    for _ in range(20_000):
-        root = 0.25 - 2.0 * u / 3.0
-        flight = 3.0 * (0.5 - math.sqrt(root)) if root > 0.0 else 1.0
-        if flight >= 1.0:
-            return None
-        u = restitution * (flight / 2.0 - flight**2 / 3.0) / (1.0 - flight) ** 2
-        left *= 1.0 - flight
-        if u < 1e-15:
-            return left
-    raise AssertionError
-
-
-@pytest.mark.parametrize("restitution", [0.1, 0.5, 0.85])
-def test_the_force_where_a_chatter_ends_vanishes_as_a_power(restitution: float) -> None:
-    low, high = 0.0, 0.5
-    for _ in range(46):
-        middle = 0.5 * (low + high)
-        ends = contact_after(restitution, middle) is not None
-        low, high = (middle, high) if ends else (low, middle)
-    near, far = (contact_after(restitution, low - d) or math.nan for d in (1e-10, 1e-4))
-    assert math.log(far / near) / math.log(1e6) == pytest.approx(power_of(restitution), rel=1e-3)

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from enum import Enum
 from typing import Any, final
 
 import numpy as np
@@ -27,13 +26,6 @@ from dynkit.orbits.kinds import BifurcationKind
 from dynkit.orbits.spectrum import Spectrum
 
 
-class Noticed(Enum):
-    """The quantity whose sign changes between two points when a bifurcation lies between them."""
-
-    TEST_FUNCTION = "a test function of tangents and multipliers"
-    EVENT = "a number that the problem watches"
-
-
 @final
 @dataclass(frozen=True)
 class Kind:
@@ -47,9 +39,9 @@ class Kind:
         Line style of its curves; dotted lines are reserved for inadmissible orbits.
     marker : str
         Its symbol on branches, a marker of matplotlib.
-    noticed : Noticed
     defining_system : subclass of CriticalMultiplier, optional
         The condition in addition to the orbit's equations; by default that of the problem's event.
+        A test function detects the bifurcations that have one, the others are events.
     switch : callable, optional
         Place -> orbits on the branches that leave there; by default none leave.
     critical : mapping of Spectrum to float
@@ -66,7 +58,6 @@ class Kind:
     title: str
     line: Any
     marker: str
-    noticed: Noticed = Noticed.TEST_FUNCTION
     defining_system: type[CriticalMultiplier] | None = None
     switch: Switch | None = None
     critical: Mapping[Spectrum, float] = field(default_factory=dict)
@@ -129,10 +120,8 @@ KINDS: Mapping[BifurcationKind, Kind] = {
     ),
     # GR: the smallest gap of a flight jumps like a square root within 1e-9 of the border. CB: there
     # is no orbit beyond the last chatter that completes, so that the division of steps ends early.
-    BifurcationKind.GR: Kind(
-        "grazing", (0, (3, 1.5)), "o", Noticed.EVENT, switch=neighbours, jump=1e-4
-    ),
-    BifurcationKind.CB: Kind("chatter border", (0, (9, 2)), ">", Noticed.EVENT, jump=0.05),
+    BifurcationKind.GR: Kind("grazing", (0, (3, 1.5)), "o", switch=neighbours, jump=1e-4),
+    BifurcationKind.CB: Kind("chatter border", (0, (9, 2)), ">", jump=0.05),
 }
 """The properties of each kind."""
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 import time
 from contextlib import suppress
 from dataclasses import replace
@@ -43,9 +42,6 @@ _UNSURE = 1e-5
 # below this: double multipliers have large rounding errors.
 _ON_BORDER = 1e-5
 _PAIRS = (BifurcationKind.NS, BifurcationKind.HB)
-# A step is divided beside the extrapolated zero of an event, by this fraction of the distance to
-# the zero.
-_ASIDE = 0.02
 # Fractions of a step at which it is divided, in the order of trial: near a chatter border an orbit
 # may not be defined.
 _PARTS = (0.5, 0.25, 0.75, 0.125)
@@ -68,7 +64,7 @@ def locate(
     heights = [_height(before, crossing), _height(after, crossing)]
     size = max(height for height in heights if height < np.inf)
     together = after.seen.crossings.count(crossing)
-    due, division, begin = 8, _Division(crossing.event, before, after), _way(before, after)
+    begin = _way(before, after)
     for halving in range(_HALVINGS):
         if halving % 8 == 0 if halving > 8 else _is_plain(before, after, crossing):
             known = after.seen.branch_point if crossing.kind is BifurcationKind.BP else None
@@ -78,13 +74,9 @@ def locate(
             ):
                 seconds = time.perf_counter() - began
                 return found._replace(seconds=seconds, steps=steps + len(found.history) - 1)
-        if halving == due:
-            blurs = _blurs(curve, before, after)
-            if blurs <= 1.0:
-                break
-            due += math.ceil(min(8.0, math.log2(blurs) / 3.0))
-        part = division.part(before, after)
-        middle = _examined_middle(problem, curve, before, after, crossing, part)
+        if halving % 4 == 0 and halving >= 8 and _is_blurred(curve, before, after):
+            break
+        middle = _examined_middle(problem, curve, before, after, crossing)
         if middle is None:
             break
         steps += middle.iterations
@@ -94,7 +86,6 @@ def locate(
             before = middle
         else:
             return None
-        division.take(middle)
     least = min(_height(before, crossing), _height(after, crossing))
     # the value of a zero falls with the length of the step, that of a jump does not
     left = _way(before, after) / begin
@@ -154,68 +145,20 @@ def _is_plain(before: Point, after: Point, crossing: Crossing) -> bool:
     return crossing.kind not in _PAIRS or before.seen.pairs == after.seen.pairs
 
 
-def _blurs(curve: Continuation, before: Point, after: Point) -> float:
-    """Return the distance of two points, in units of `_OF_BLUR` times the error of the second."""
-    apart, blur = abs(after.y - before.y), _OF_BLUR * _blur(curve, after)
-    with np.errstate(divide="ignore"):
-        return float((apart[apart > 0.0] / blur[apart > 0.0]).max(initial=0.0))
-
-
-class _Division:
-    """Chooses the position at which a step is divided, to enclose the zero of an event's value.
-
-    The position is just before and just beyond the extrapolated zero, in turn. This is the zero of
-    the line through the last two positive values; negative values are not used, because they may be
-    irregular, as beyond a chatter border. The step is halved if there is no event, if the
-    extrapolated zero lies outside the step, and if steps shrink more slowly than by halving, as
-    where the value jumps.
-    """
-
-    def __init__(self, event: int, before: Point, after: Point) -> None:
-        self._event, self._begin = event, before
-        self._longest, self._beyond = 4.0 * _way(before, after), False
-        self._positive: list[tuple[float, float]] = []
-        for point in (before, after):
-            self.take(point)
-
-    def take(self, point: Point) -> None:
-        """Record the value of the event at a point of the branch."""
-        if self._event < 0:
-            return
-        event = point.seen.events[self._event]
-        self._beyond = event.value > 0.0
-        if 0.0 < event.value < np.inf:
-            distance = event.value ** (1.0 / event.power)
-            self._positive = [*self._positive[-1:], (_way(self._begin, point), distance)]
-
-    def part(self, before: Point, after: Point) -> float:
-        """Return the position, as a fraction of the step, at which the step is divided."""
-        low, high = _way(self._begin, before), _way(self._begin, after)
-        late, self._longest = high - low > self._longest, 0.5 * self._longest
-        if late or len(self._positive) < 2:
-            return _PARTS[0]
-        (s, a), (t, b) = self._positive
-        away = b * (t - s) / (a - b) if a != b else np.inf
-        wanted = t + away * (1.0 + (_ASIDE if self._beyond else -_ASIDE))
-        part = float((wanted - low) / (high - low))
-        return part if 0.0 < part < 1.0 else _PARTS[0]
+def _is_blurred(curve: Continuation, before: Point, after: Point) -> bool:
+    """Whether two points are nearer than `_OF_BLUR` times the error of the second."""
+    return bool((abs(after.y - before.y) <= _OF_BLUR * _blur(curve, after)).all())
 
 
 def _examined_middle(
-    problem: Problem,
-    curve: Continuation,
-    before: Point,
-    after: Point,
-    crossing: Crossing,
-    first: float,
+    problem: Problem, curve: Continuation, before: Point, after: Point, crossing: Crossing
 ) -> Point | None:
-    """Return an examined point at the fraction `first` of the step, or at another of `_PARTS`.
+    """Return an examined point at the first of `_PARTS` of the step at which an orbit is found.
 
-    The first fraction at which an orbit is found is used. Where the crossing is an event, only the
-    value of this event is computed at the point.
+    Where the crossing is an event, only the value of this event is computed at the point.
     """
     length = _way(before, after)
-    for part in (first, *_PARTS):
+    for part in _PARTS:
         if crossing.event < 0:
             middle = curve.at(before, part * length)
         else:

@@ -35,8 +35,6 @@ class Border(Condition):
     ends = True
     """Whether no orbit of this kind exists beyond the border."""
     unknowns = 0
-    power = 1.0
-    """The test function is proportional to this power of the distance from the border."""
 
     def __init__(self, problem: Any, part: int, number: int = 0, side: int = 0) -> None:
         self.problem, self.part, self.number, self.side = problem, part, number, side

@@ -55,8 +55,6 @@ class Curve:
         Duration.
     sizes : (2,)
         Sums of the absolute terms of the curve, and of its second derivative.
-    smallest : (float, float), optional
-        Smallest minimum inside, and its time, if they are known.
     """
 
     def __init__(
@@ -64,9 +62,8 @@ class Curve:
         values: Callable[[Array, int], Array],
         lasts: float,
         sizes: tuple[float, float],
-        smallest: tuple[float, float] | None = None,
     ) -> None:
-        self.values, self.lasts, self._sizes, self._smallest = values, lasts, sizes, smallest
+        self.values, self.lasts, self._sizes = values, lasts, sizes
         self.rounding = 64.0 * 2.0**-52 * sizes[0]
 
     @cached_property
@@ -84,8 +81,6 @@ class Curve:
     @cached_property
     def smallest(self) -> tuple[float, float]:
         """Smallest minimum inside, and its time; infinite and NaN if there is none."""
-        if self._smallest is not None:
-            return self._smallest
         if self.lasts <= 0.0:
             return math.inf, math.nan
         return smallest_minimum(self.values, *self.nodes, self.rounding)

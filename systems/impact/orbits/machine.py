@@ -15,7 +15,6 @@ function, Numerical Algorithms 53 (2010) 133-148.
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from contextlib import suppress
 from copy import copy
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any, NamedTuple, final
@@ -124,22 +123,6 @@ def derivative(function: Callable[[float], Array], value: float) -> Array:
         return parameter_difference(allowed, value, scales=scales)
     except Refused as refusal:
         raise NoSolution(str(refusal)) from refusal
-
-
-def difference(function: Callable[[float], Array], value: float, step: float) -> Array:
-    """Derivative by differences of fourth order; one-sided at the end of the function's domain."""
-    with suppress(NoSolution):
-        near, far = (function(value + k * step) - function(value - k * step) for k in (1.0, 2.0))
-        return np.asarray((8.0 * near - far) / (12.0 * step))
-    weights = (-25.0, 48.0, -36.0, 16.0, -3.0)
-
-    def one_sided(h: float) -> Array:
-        terms = [a * function(value + k * h) for k, a in enumerate(weights)]
-        return np.asarray(np.sum(terms, axis=0) / (12.0 * h))
-
-    with suppress(NoSolution):
-        return one_sided(step)
-    return one_sided(-step)
 
 
 @final

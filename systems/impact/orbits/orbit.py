@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import TYPE_CHECKING, Any, Protocol, final
+from typing import TYPE_CHECKING, Any, final
 
 import numpy as np
 
@@ -14,6 +14,7 @@ from dynkit.core.validation import Array, finite_array, one_of, read_only
 from dynkit.orbits.equations import KeptSolution
 from dynkit.orbits.problem import PeriodicOrbit
 from dynkit.systems.impact.orbits.itineraries.motion import ItinerarySolution
+from dynkit.systems.impact.orbits.problem import ImpactProblem
 from dynkit.systems.impact.records.viewing import series_of
 from dynkit.viewer.series import Series
 
@@ -26,41 +27,6 @@ if TYPE_CHECKING:
 
 NONE = np.empty(0)
 """Values of the free parameters where there are none."""
-
-
-class OrbitEquations(Protocol):
-    """Equations of a periodic orbit, as `ImpactOrbit` uses them."""
-
-    driven: bool
-    oscillator: ImpactMap
-    periods: int
-    itinerary: Any
-
-    def at(self, x: Array, p: Array) -> ItinerarySolution:
-        """Return the motion given by unknowns x and parameters p."""
-
-    def free(self, *names: str) -> Any:
-        """Return the same equations with the named parameters free."""
-
-    def multipliers(self, x: Array, p: Array) -> Any:
-        """Floquet multipliers (2N + J,) with J sliders."""
-
-    def admissible(self, x: Array, p: Array) -> bool:
-        """Whether the solution is a motion of the oscillator."""
-
-    @property
-    def sticks(self) -> bool:
-        """Whether contact with a stop begins with an impact."""
-
-    @property
-    def section_returns(self) -> int:
-        """Number of returns to the section in a period."""
-
-    def counts(self) -> dict[str, float]:
-        """Numbers of events in a period, by element."""
-
-    def state_error(self, x: Array, p: Array, residual: float) -> float:
-        """Estimate of the largest error of a section coordinate, for a remaining residual."""
 
 
 PROGRESSION = "progression"
@@ -97,7 +63,7 @@ class ImpactOrbit(KeptSolution, PeriodicOrbit):
     An orbit is admissible when simulation from each of its states finds the next one.
     """
 
-    _problem: OrbitEquations
+    _problem: ImpactProblem
     _each = "impact"
 
     def __repr__(self) -> str:
@@ -115,7 +81,8 @@ class ImpactOrbit(KeptSolution, PeriodicOrbit):
 
     @property
     def _solution(self) -> ItinerarySolution:
-        return self._problem.at(self._x, NONE)
+        found: ItinerarySolution = self._problem.at(self._x, NONE)
+        return found
 
     @property
     def system(self) -> ImpactMap:
@@ -206,7 +173,7 @@ class ImpactOrbit(KeptSolution, PeriodicOrbit):
         N. J. Higham, T. Mary, A new approach to probabilistic rounding error analysis, SIAM Journal
         on Scientific Computing 41 (2019) A2815-A2835.
         """
-        return self._problem.state_error(self._x, NONE, self.residual)
+        return self._problem.state_error(self._x, NONE)
 
     @cached_property
     def multipliers(self) -> Any:
@@ -320,10 +287,14 @@ class ImpactOrbit(KeptSolution, PeriodicOrbit):
             x = x + np.outer(asked // self.period, self.progression)
         return x, v
 
+    @property
+    def _drawn(self) -> tuple[Any, ...]:
+        """What figures show: system, motion, first phase, duration, and times of the impacts."""
+        impacts = np.append(self.bounces[:, 0], [] if self.sticks else [self.period])
+        return self.system, self.sample, float(self.phases[0]), self.period, impacts
+
     def _series(self) -> Series:
-        begin, ends = float(self.phases[0]), [] if self.sticks else [self.period]
-        impacts = np.append(self.bounces[:, 0], ends)
-        return series_of(self.system, self.sample, begin, self.period, impacts)
+        return series_of(*self._drawn)
 
     def plot(self, ax: Axes | None = None) -> Axes:
         """Draw one period of the contact coordinate, the stops dashed, the impacts as dots.
@@ -339,9 +310,7 @@ class ImpactOrbit(KeptSolution, PeriodicOrbit):
         """
         from dynkit.systems.impact.records.drawing import draw
 
-        begin, ends = float(self.phases[0]), [] if self.sticks else [self.period]
-        impacts = np.append(self.bounces[:, 0], ends)
-        return draw(ax, self.system, self.sample, begin, self.period, impacts)
+        return draw(ax, *self._drawn)
 
     def animate(self, *, frames: int = 100, element: str | None = None) -> FuncAnimation:
         """Animate the machine over one period: its sketch in motion, above a time series.

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from abc import abstractmethod
 from collections.abc import Sequence
 from functools import partial
 from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple, Self, final
@@ -19,7 +20,13 @@ from dynkit.systems.impact.modes.free_motion import free_motion
 from dynkit.systems.impact.orbits.borders import Border
 from dynkit.systems.impact.orbits.itineraries.borders import Begun, beginnings
 from dynkit.systems.impact.orbits.itineraries.happening import Happening, Itinerary
-from dynkit.systems.impact.orbits.itineraries.itinerary import Course, has_law, regimes_of
+from dynkit.systems.impact.orbits.itineraries.itinerary import (
+    Course,
+    counts_of,
+    has_law,
+    regimes_of,
+    returns_of,
+)
 from dynkit.systems.impact.orbits.itineraries.motion import ItinerarySolution, Lap
 from dynkit.systems.impact.orbits.itineraries.one_mode import responses
 from dynkit.systems.impact.orbits.itineraries.one_mode.correcting import (
@@ -36,7 +43,7 @@ from dynkit.systems.impact.orbits.itineraries.several_modes import divided, pass
 from dynkit.systems.impact.orbits.itineraries.several_modes.linear import LinearSolution
 from dynkit.systems.impact.orbits.itineraries.several_modes.shooting import ShootingSolution
 from dynkit.systems.impact.orbits.itineraries.several_modes.taylor import TaylorSolution
-from dynkit.systems.impact.orbits.machine import Changes, Machine, Regimes, difference, machine_of
+from dynkit.systems.impact.orbits.machine import Changes, Machine, Regimes, derivative, machine_of
 from dynkit.systems.impact.simulation.parameters import changes_alone
 from dynkit.systems.impact.simulation.state import TWO_PI
 
@@ -240,6 +247,20 @@ class ImpactProblem(PeriodicProblem, WatchedProblem):
         return Course(self.itinerary, self.nodes)
 
     @property
+    def sticks(self) -> bool:
+        """Whether orbits are P(inf,m): contact with a stop begins with an impact."""
+        return self.course.sticks
+
+    @property
+    def section_returns(self) -> int:
+        """Number of returns to the section in a period."""
+        return len(self.nodes) if self.sticks else returns_of(self.oscillator, self.itinerary)
+
+    def counts(self) -> dict[str, float]:
+        """Numbers of events in a period, by element: see `OrbitLabel.counts`."""
+        return counts_of(self.oscillator, self.itinerary)
+
+    @property
     def sides(self) -> Any:
         """Number (k,) of the stop of each impact."""
         return self.course.sides
@@ -431,20 +452,19 @@ class ImpactProblem(PeriodicProblem, WatchedProblem):
         s = self.at(x, p)
         change = self._changes.by(p, k, self._alone[k])
         found = None if change is None else s.change(change)
-        return self._numerically(x, p, k, s) if found is None else found / self.units_of_equations
-
-    def _numerically(self, x: Array, p: Array, k: int, s: ItinerarySolution) -> Array:
-        """Derivative (m,) by the free parameter number `k`, from differences."""
-        # A change by h turns the fastest mode over one period by a small angle only.
-        turns = s.period * float(self.oscillator.natural_frequencies[-1])
-        h = 5e-3 * max(abs(float(p[k])), 1e-2) / (1.0 + turns)
+        if found is not None:
+            return np.asarray(found / self.units_of_equations)
 
         def residual(value: float) -> Array:
             moved = p.copy()
             moved[k] = value
             return self.residual(x, moved)
 
-        return difference(residual, float(p[k]), h)
+        return derivative(residual, float(p[k]))
+
+    @abstractmethod
+    def state_error(self, x: Array, p: Array) -> float:
+        """Estimate of the largest error of a section coordinate: see `ImpactOrbit.error`."""
 
     @cached_property
     def _corrector(self) -> TableCorrector | None:

@@ -183,74 +183,16 @@ def stretch(
     scratch
         (2N,) modified in place.
     logs
-        (n, k) logarithms of the stretching of each row, modified in place.
+        (n, k) logarithms of the stretching of each row, modified in place; empty if the rows are
+        only multiplied, and not orthonormalised.
     """
     for step in range(which.shape[0]):
         if which[step] >= 0:
             _multiply(dense[which[step]], frame, scratch)
         fly(blocks, step, frame)
         jump(vectors, jumps[step, 0], jumps[step, 1], jumps[step, 2], frame)
-        _orthonormalise(frame, lost[step], logs, step)
-
-
-@kernel()
-def fill_flight(generator: Array, time: float, block: Array) -> None:
-    """Fill (1, 4, N) with exp(G t) of each pair; the generators G are (4, N)."""
-    for i in range(generator.shape[1]):
-        mean = 0.5 * (generator[0, i] + generator[3, i])
-        half = 0.5 * (generator[0, i] - generator[3, i])
-        square = half * half + generator[1, i] * generator[2, i]
-        root = math.sqrt(abs(square))
-        even = math.cos(root * time) if square < 0.0 else math.cosh(root * time)
-        odd = math.sin(root * time) if square < 0.0 else math.sinh(root * time)
-        odd = odd / root if root * time > 1e-8 else time
-        size = math.exp(mean * time)
-        block[0, 0, i] = size * (even + half * odd)
-        block[0, 1, i] = size * odd * generator[1, i]
-        block[0, 2, i] = size * odd * generator[2, i]
-        block[0, 3, i] = size * (even - half * odd)
-
-
-@kernel(entry=True)
-def follow(
-    flights: Array,
-    generator: Array,
-    blocks: Array,
-    which: Indices,
-    dense: Array,
-    vectors: Array,
-    jumps: Array,
-    first: Indices,
-    frames: Array,
-    scratch: Array,
-    logs: Array,
-) -> None:
-    """Multiply the rows of each frame (k, 2N) by steps as those of `stretch`, in place.
-
-    Parameters
-    ----------
-    flights
-        (n,) durations of the flights; empty if `blocks` has their matrices, as for `stretch`.
-    generator, blocks
-        (4, N) of the pairs, and a buffer (1, 4, N) or the matrices.
-    first
-        Frame m is multiplied by the steps number ``first[m]`` to ``first[m + 1] - 1``.
-    logs
-        (n, k) if each step orthonormalises the rows, as in `stretch`; empty if none does.
-    """
-    for m in range(frames.shape[0]):
-        frame = frames[m]
-        for step in range(first[m], first[m + 1]):
-            if which[step] >= 0:
-                _multiply(dense[which[step]], frame, scratch)
-            if flights.shape[0] > 0:
-                fill_flight(generator, flights[step], blocks)
-                fly(blocks, 0, frame)
-            else:
-                fly(blocks, step, frame)
-            jump(vectors, jumps[step, 0], jumps[step, 1], jumps[step, 2], frame)
-            if logs.shape[0] > 0:
-                _orthonormalise(frame, 0, logs, step)
+        if logs.shape[0] > 0:
+            _orthonormalise(frame, lost[step], logs, step)
 
 
 @kernel()

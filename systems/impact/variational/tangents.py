@@ -34,12 +34,22 @@ _IMPACTS, _NUMBERS = 1024, 4_000_000
 _PRODUCTS_OF_A_CALL = 1 << 24
 """Multiplications in one call of the kernel, about ten milliseconds, but at least one step."""
 
-LONG = 100.0
-"""Phase of the fastest mode, in radians, above which sines and cosines of a flight lose digits."""
-
 SPREAD = math.log(1e5)
 """Logarithm of the largest ratio of the decays of two modes within one part of a flight. Longer
 flights are cut into parts, so that the smallest stretching keeps ten digits in each part."""
+
+_RECURRENCE = 1e-6
+"""Largest recurrence error: of the last state, relative to it, and of its time, in periods."""
+
+_REPETITIONS, _SQUARINGS = 3, 10
+"""Least number of periods in the motion; largest number of squarings of the derivative over one."""
+
+_ROUNDING = 1e-12
+"""Relative error of the derivative for each impact, in its norm: far more than rounding."""
+
+_ROOM = 100.0
+"""Multipliers must be below 1 - 1/_ROOM in modulus. All later changes from period to period then
+sum up to at most _ROOM times the last one."""
 
 
 class Steps(NamedTuple):
@@ -52,6 +62,11 @@ class Steps(NamedTuple):
     jumps: Array
     lost: Any
     first: Any
+
+    def part(self, now: slice) -> tuple[Any, ...]:
+        """Arguments of the kernel for some of the steps."""
+        matrices = self.blocks[now], self.which[now], self.dense
+        return *matrices, self.vectors, self.jumps[now], self.lost[now]
 
 
 def stretching(
@@ -75,18 +90,14 @@ def growth(oscillator: DrivenStructure, run: Trajectory) -> Array:
 
     The disturbance converges to the direction of fastest growth.
     """
-    from dynkit.systems.impact.variational.tangent_kernels import follow
-
     d, n = oscillator.dimension, run.impacts
     # A fixed direction without symmetry is unlikely to lie in an invariant subspace.
-    frame = np.sqrt(np.arange(2.0, 2.0 + d))[None, None]
-    frame, logs = frame / np.linalg.norm(frame), np.empty((n, 1))
-    size = _at_once(d)
+    frame = np.sqrt(np.arange(2.0, 2.0 + d))[None]
+    frame, logs, size = frame / np.linalg.norm(frame), np.empty(n), _at_once(d)
     for begin in range(0, n, size):
-        end = min(begin + size, n)
-        more: Any = np.array([0, end - begin]), frame, np.empty(d), logs[begin:end]
-        follow(*_passes(oscillator, run, begin, end), *more)
-    return logs[:, 0]
+        now = slice(begin, min(begin + size, n))
+        logs[now] = _stretched(steps_of(oscillator, run, now), frame)[:, 0]
+    return logs
 
 
 def returned(oscillator: DrivenStructure, run: Trajectory, impacts: Sequence[int]) -> Array:
@@ -94,59 +105,58 @@ def returned(oscillator: DrivenStructure, run: Trajectory, impacts: Sequence[int
 
     `impacts` are the numbers (k + 1,) of these impacts in the run, ascending and not negative.
     """
-    from dynkit.systems.impact.variational.tangent_kernels import follow
+    from dynkit.systems.impact.variational.tangent_kernels import stretch
 
-    passes, d = _passes(oscillator, run, impacts[0] + 1, impacts[-1] + 1), oscillator.dimension
-    frames = np.zeros((len(impacts) - 1, d, d)) + np.eye(d)
-    more: Any = np.array(impacts) - impacts[0], frames, np.empty(d), np.empty((0, 1))
-    follow(*passes, *more)
+    steps, d = (
+        steps_of(oscillator, run, slice(impacts[0] + 1, impacts[-1] + 1)),
+        oscillator.dimension,
+    )
+    ends = np.append(steps.first, len(steps.which))[np.array(impacts) - impacts[0]].tolist()
+    frames, none = np.zeros((len(impacts) - 1, d, d)) + np.eye(d), np.empty((0, d))
+    for frame, begin, end in zip(frames, ends, ends[1:], strict=False):
+        more: Any = frame, np.empty(d), none
+        stretch(*steps.part(slice(begin, end)), *more)
     return frames.transpose(0, 2, 1)
-
-
-def _passes(oscillator: DrivenStructure, run: Trajectory, begin: int, end: int) -> tuple[Any, ...]:
-    """Arguments of `tangent_kernels.follow` for the impacts from number `begin` to `end` - 1."""
-    motion, flights, some, before, held, jumps, _ = _between(oscillator, run, slice(begin, end))
-    pairs, slots = motion.mode.pairs, motion.mode.layout.modes
-    which, blocks = np.full(len(flights), -1), np.empty((1, 4, len(slots)))
-    which[before] = np.arange(len(held))
-    dense = _contact_matrices(oscillator, run, held, some)
-    if pairs.links.size or pairs.rates[0].max() * flights.max(initial=0.0) > LONG:
-        blocks, which, dense = _flights(motion, flights, which, dense)
-        flights = np.empty(0)
-    generator = pairs.generator[:4, slots]
-    return flights, generator, blocks, which, dense, motion.vectors, jumps
 
 
 def settles(oscillator: DrivenStructure, run: Trajectory) -> bool:
     """Whether the impacts of a run recur, and norms prove that their orbit is stable.
 
     False where this is not proved. A proof needs a single hard stop whose restitution is a positive
-    number, a run without contacts, and modes without links.
+    number, and a run without contacts. Let A be the derivative over the last period, and B that
+    over the period before. The derivative of the orbit itself differs from A by no more than a
+    geometric series of the difference of A and B, as for `OrbitLabel.multiplier`. If the norm of
+    its 2^k-th power is below 1, all multipliers are inside the unit circle.
     """
     plain = oscillator._motion is None and oscillator._automaton.beside is None
     if not plain or len(run.switches.time) or not oscillator.restitution > 0.0:
         return False
-    motion, tables = free_motion(oscillator._contact), oscillator._automaton.tables
-    pairs, slots = motion.mode.pairs, motion.mode.layout.modes
-    if pairs.links.size:
+    n, last = _period_of(run, 2.0 * math.pi / oscillator.frequency), run.impacts - 1
+    if n == 0 or not (run.log.speed[-2 * n :] > 0.0).all():
         return False
-    from dynkit.systems.impact.variational.stability_kernels import settled
+    before, power = returned(oscillator, run, [last - 2 * n, last - n, last])
+    size, limit = float(np.linalg.norm(power)), 1.0 - 1.0 / _ROOM
+    error = _ROOM * float(np.linalg.norm(power - before)) + _ROUNDING * n * size
+    for _ in range(_SQUARINGS + 1):
+        if size + error < limit or not size + error < 1e50:
+            break
+        power, error = power @ power, error * (2.0 * size + error)
+        size, limit = float(np.linalg.norm(power)), limit * limit
+    return size + error < limit
 
-    n, log, bend = len(slots), run.log, tables.ladders.rows[0, 4:6]
-    proved: bool = settled(
-        log.time,
-        log.speed,
-        log.states,
-        2.0 * math.pi / oscillator.frequency,
-        pairs.generator[:4, slots],
-        bend,
-        tables.kick[0],
-        oscillator.restitution,
-        motion.vectors,
-        np.empty((1, 4, n)),
-        np.empty((2, 2 * n, 2 * n)),
-    )
-    return proved
+
+def _period_of(run: Trajectory, turn: float) -> int:
+    """Least number of impacts in whole forcing periods until the last state recurs, or 0."""
+    log, most = run.log, run.impacts // _REPETITIONS
+    turns = (log.time[-1:] - log.time[-1 - most : -1][::-1]) / turn
+    whole = np.rint(turns)
+    near = (whole > 0.0) & (abs(turns - whole) <= _RECURRENCE)
+    final = np.append(log.states[-1:], log.speed[-1:])
+    for n in (np.flatnonzero(near) + 1).tolist():
+        apart = np.linalg.norm(final - np.append(log.states[-1 - n], log.speed[-1 - n]))
+        if apart <= _RECURRENCE * np.linalg.norm(final):
+            return int(n)
+    return 0
 
 
 def _follow(
@@ -160,10 +170,7 @@ def _follow(
         run = trajectory_of(oscillator, start, wanted, store=True)
         if run.impacts < wanted:
             raise NoCrossing(f"there is no next impact: {run.ending.value}")
-        steps = steps_of(oscillator, run)
-        found = np.empty((len(steps.which), len(frame)))
-        _stretch(steps, frame, found)
-        logs[begin : begin + wanted] = np.add.reduceat(found, steps.first, axis=0)
+        logs[begin : begin + wanted] = _stretched(steps_of(oscillator, run), frame)
         times[begin : begin + wanted] = np.diff(run.time, prepend=0.0)
         start = run.final
     return start
@@ -174,35 +181,28 @@ def _at_once(d: int) -> int:
     return max(1, min(_IMPACTS, _NUMBERS // d**2))
 
 
-def _stretch(steps: Steps, frame: Array, logs: Array) -> None:
-    """Stretch the frame in calls of bounded time; frame and logs are modified in place."""
+def _stretched(steps: Steps, frame: Array) -> Array:
+    """Logarithms (n, k) of the stretching to each impact; the frame is modified in place.
+
+    Calls of the kernel have a bounded duration.
+    """
     from dynkit.systems.impact.variational.tangent_kernels import stretch
 
-    k, d = frame.shape
-    scratch, size = np.empty(d), max(_PRODUCTS_OF_A_CALL // (k * d * (k + d)), 1)
-    for begin in range(0, len(logs), size):
+    (k, d), count = frame.shape, len(steps.which)
+    logs, size = np.empty((count, k)), max(_PRODUCTS_OF_A_CALL // (k * d * (k + d)), 1)
+    for begin in range(0, count, size):
         now = slice(begin, begin + size)
-        stretch(
-            steps.blocks[now],
-            steps.which[now],
-            steps.dense,
-            steps.vectors,
-            steps.jumps[now],
-            steps.lost[now],
-            frame,
-            scratch,
-            logs[now],
-        )
+        more: Any = frame, np.empty(d), logs[now]
+        stretch(*steps.part(now), *more)
+    return np.asarray(np.add.reduceat(logs, steps.first, axis=0))
 
 
-def steps_of(
-    oscillator: DrivenStructure, run: Trajectory, begin: int = 0, end: int | None = None
-) -> Steps:
-    """The steps of a run to the impacts from number `begin` to `end` - 1: contact, flight, impact.
+def steps_of(oscillator: DrivenStructure, run: Trajectory, now: slice | None = None) -> Steps:
+    """The steps of a run to some impacts, by default all: contact, flight, impact.
 
     Long flights and contacts are cut into parts, see `SPREAD`.
     """
-    now = slice(begin, run.impacts if end is None else end)
+    now = now or slice(0, run.impacts)
     motion, flights, some, before, held, jumps, lost = _between(oscillator, run, now)
     if not len(held) and flights.max(initial=0.0) * motion.spread <= SPREAD:
         each = np.arange(len(flights))

@@ -6,6 +6,8 @@ is later by s, the disturbance also changes by s times the rate of the state.
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from functools import partial
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -79,7 +81,10 @@ def followed(oscillator: DrivenStructure, run: Trajectory, lifted: Array) -> tup
         if i < last - 1 and (guard.watch.event == IMPACT or sticks):
             rubs: Any = 0.0
             if guard.watch.event == IMPACT and float(s.speed[i + 1]) > 0.0:
-                rubs = _kept(oscillator, guard, s.begin[i + 1 :], s.guard[i + 1 :], state, out)
+                # friction in the bounces that contact replaces: see `map_derivative._kept_slipping`
+                ways = partial(_way_on, automaton, s.begin[i + 1 :], s.guard[i + 1 :])
+                u = float(mode.gap(guard.element, *mode.motion(state), *state[:, -1].tolist())[1])
+                rubs = rubbed(oscillator, guard, state, out, 0.0, 0.0, u, ways)
             out = hit(mode, guard.element, state, out, 0.0, 0.0)[0] + rubs
     return out, state
 
@@ -151,6 +156,12 @@ def rubs_on(automaton: Any, times: Array, guards: Any, element: int) -> int:
     return next((g.watch.to for g in now if g.element == element), STICKS)
 
 
+def _way_on(automaton: Any, times: Array, guards: Any, element: int) -> int:
+    """Sign of the slip of friction as contact begins; 0 if it sticks: see `rubs_on`."""
+    to = rubs_on(automaton, times, guards, element)
+    return 0 if to == STICKS else 1 if to == FORWARD else -1
+
+
 def rubbed(
     oscillator: DrivenStructure,
     guard: Any,
@@ -159,44 +170,25 @@ def rubbed(
     slope: float,
     r: float,
     rate: float,
+    ways: Callable[[int], int] | None = None,
 ) -> Array:
-    """Change (2 N + J + 1, d) of disturbances by the friction at an impact."""
+    """Change (2 N + J + 1, d) of disturbances by the friction at an impact.
+
+    `ways` is a function that returns the sign of each element's slip after the impact, and 0 if the
+    impact stops the slip. By default the impact stops a slip that it can take completely.
+    """
     automaton, stop, out = oscillator._automaton, guard.element, 0.0 * disturbances
     mode: TaylorMode = automaton.modes[guard.mode]
     (x, v), (sine, cosine) = mode.motion(state), state[:, -1].tolist()
     for k, ratio in automaton.scrapes(guard, x, float(np.arctan2(sine, cosine))):
         w = float(mode.gap(k, x, v, sine, cosine)[1])
-        if abs(w) <= -(1.0 + r) * ratio * rate:
+        stops = abs(w) <= -(1.0 + r) * ratio * rate if ways is None else not ways(k)
+        if stops:
             out += _slowed(mode, k, state, disturbances, w, mode.rate_row(k, state), None)
         else:
-            own = np.sign(w) * (1.0 + r) * rate, -np.sign(w) * (1.0 + slope)
-            row = own[1] * mode.rate_row(stop, state)
-            out += _slowed(mode, k, state, disturbances, -own[0], row, ratio)
-    return out
-
-
-def _kept(
-    oscillator: DrivenStructure,
-    guard: Any,
-    times: Array,
-    guards: Any,
-    state: Array,
-    disturbances: Array,
-) -> Array:
-    """As `rubbed`, for the bounces that contact replaces: see `map_derivative._kept_slipping`."""
-    automaton, out = oscillator._automaton, 0.0 * disturbances
-    mode: TaylorMode = automaton.modes[guard.mode]
-    (x, v), (sine, cosine) = mode.motion(state), state[:, -1].tolist()
-    u = float(mode.gap(guard.element, x, v, sine, cosine)[1])
-    for k, ratio in automaton.scrapes(guard, x, float(np.arctan2(sine, cosine))):
-        to = rubs_on(automaton, times, guards, k)
-        if to == STICKS:
-            w = float(mode.gap(k, x, v, sine, cosine)[1])
-            out += _slowed(mode, k, state, disturbances, w, mode.rate_row(k, state), None)
-        else:
-            sign = -1.0 if to == FORWARD else 1.0
-            row = sign * mode.rate_row(guard.element, state)
-            out += _slowed(mode, k, state, disturbances, sign * u, row, ratio)
+            way = np.sign(w) if ways is None else ways(k)
+            row = -way * (1.0 + slope) * mode.rate_row(stop, state)
+            out += _slowed(mode, k, state, disturbances, -way * (1.0 + r) * rate, row, ratio)
     return out
 
 

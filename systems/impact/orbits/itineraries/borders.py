@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
-from functools import cache
 from typing import TYPE_CHECKING, Any, NamedTuple, final
 
 import numpy as np
@@ -195,47 +194,21 @@ class _WhereItBegins(Border):
         return solution.begins(self.part), self.side
 
 
-@cache
-def power_of(restitution: float) -> float:
-    """Power of the distance from the border to which the force at a chatter's end is proportional.
-
-    Near the border the acceleration of the gap is proportional to the time T until it is zero. In
-    units of T, and of T^2 for velocities, a flight of duration s begins with the velocity
-    u = s/2 - s^2/6. The next one begins with r (s/2 - s^2/3) / (1 - s)^2, when (1 - s) T is left.
-    The chatter that ends exactly at the border has equal flights in these units:
-    (3 - s) (1 - s)^2 = r (3 - 2 s). A disturbance of its velocity is multiplied by m in a bounce.
-    So the T at which a chatter ends is proportional to its distance from the border to the power
-    -log(1 - s) / log(m).
-    """
-    r = restitution
-    if not 0.0 < r < 1.0:
-        return 1.0 if r <= 0.0 else 0.6
-    roots = np.roots([-1.0, 5.0, 2.0 * r - 7.0, 3.0 * (1.0 - r)])
-    s = float(roots[abs(roots.imag) < 1e-9].real.min())
-    left = 1.0 - s
-    grown = (0.5 - s / 1.5) / left**2 + (s - s * s / 1.5) / left**3
-    return -math.log(left) / math.log(r * grown / (0.5 - s / 3.0))
-
-
 @final
 class ChatterEnd(_WhereItBegins):
     """The contact force is zero where contact begins after a chatter."""
 
     def value(self, solution: Any) -> float:
-        self.power = power_of(self._restitution(solution))
         return float(solution.chatters[self.part].pressing)
 
     def size(self, solution: Any) -> float:
         return float(solution.force_unit(self.part, self.side))
 
-    def _restitution(self, solution: Any) -> float:
+    def begin(self, solution: Any) -> Array:
         law = solution.oscillator._elements[self.side].restitution
         if isinstance(law, ImpactLaw):
             law = solution.restitutions[solution.impulse_of[self.part]]
-        return float(law)
-
-    def begin(self, solution: Any) -> Array:
-        if self._restitution(solution) > 0.0:
+        if law > 0.0:
             raise NoSolution("the force where an endless chatter ends is not smooth there")
         return np.empty(0)
 

@@ -19,7 +19,6 @@ from dynkit.orbits.solving import orbit_bound
 from dynkit.systems.impact.orbits.borders import Border
 from dynkit.systems.impact.orbits.itineraries.borders import borders_of, named
 from dynkit.systems.impact.orbits.itineraries.happening import Happening
-from dynkit.systems.impact.orbits.itineraries.itinerary import counts_of, returns_of
 from dynkit.systems.impact.orbits.itineraries.meeting import beyond
 from dynkit.systems.impact.orbits.itineraries.motion import ItinerarySolution
 from dynkit.systems.impact.orbits.itineraries.one_mode import monodromy
@@ -109,20 +108,6 @@ class ItineraryEquations(ImpactProblem):
             return monodromy.monodromy_from(s, last)
         return crossings.monodromy_from(s, last)
 
-    @property
-    def sticks(self) -> bool:
-        """Whether orbits are P(inf,m): contact with a stop begins with an impact."""
-        return self.course.sticks
-
-    @property
-    def section_returns(self) -> int:
-        """Number of returns to the section in a period."""
-        return len(self.nodes) if self.sticks else returns_of(self.oscillator, self.itinerary)
-
-    def counts(self) -> dict[str, float]:
-        """Numbers of events in a period, by element: see `OrbitLabel.counts`."""
-        return counts_of(self.oscillator, self.itinerary)
-
     def returns(self, x: Array, p: Array) -> Any:
         if not self.driven:
             raise NoSolution("the map of returns of a machine that nothing drives is not known")
@@ -176,7 +161,7 @@ class ItineraryEquations(ImpactProblem):
         own = across.T @ place
         return lambda state: across.T @ jacobian(place + across @ (state - own)) @ across, own
 
-    def state_error(self, x: Array, p: Array, residual: float) -> float:  # noqa: ARG002
+    def state_error(self, x: Array, p: Array) -> float:
         """Estimate of the largest error of a section coordinate: see `ImpactOrbit.error`."""
         s = self.at(x, p)
         if isinstance(s, ShootingSolution):
@@ -327,7 +312,7 @@ class ItineraryEquations(ImpactProblem):
         if self.sticks:
             # with a nearly singular Jacobian the estimated error is large: no solution
             least = float(abs(impulses).min(initial=np.inf))
-            return least >= SLOW * abs(impulses).max() and self.state_error(x, NONE, 0.0) < APART
+            return least >= SLOW * abs(impulses).max() and self.state_error(x, NONE) < APART
         if not self.driven or not len(impulses):
             return True
         ends = np.append(phases, phases[0] + TWO_PI * self.periods)
@@ -496,5 +481,5 @@ class ItineraryEquations(ImpactProblem):
 
 
 def _event(border: Border, solution: ItinerarySolution) -> Event:
-    value = border.value(solution)  # may set border.ends and border.power: evaluated first
-    return Event(border.kind, border.part, value, border.ends, border.power)
+    value = border.value(solution)  # may set border.ends: evaluated first
+    return Event(border.kind, border.part, value, border.ends)

@@ -20,10 +20,9 @@ def flights_are_open(s: ResponseSolution) -> bool:
     This is proved by bounds of the gaps. Where a gap nearly closes and the proof fails, simulation
     from just after each impact decides.
     """
-    if s.watched.closed.any():
-        return False
-    if s.watched.opened.all():
-        return True
+    gaps = [s.is_open(i, k) for i in range(s.events) for k in range(len(s.terms.rests))]
+    if False in gaps or None not in gaps:
+        return False not in gaps
     system, within = s.system(), SAME * s.period
     size = float(s.measures[0])
     at_once = [s.lasts[i] <= s.least_apart(i, size) * s.period for i in range(s.events)]

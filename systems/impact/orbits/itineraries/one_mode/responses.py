@@ -24,7 +24,6 @@ from dynkit.systems.impact.simulation.state import TWO_PI
 
 if TYPE_CHECKING:
     from dynkit.systems.impact.orbits.itineraries.one_mode.response_kernels import Assembled
-    from dynkit.systems.impact.orbits.itineraries.one_mode.watching_kernels import Watched
 
 
 @final
@@ -300,27 +299,11 @@ class ResponseSolution(ItinerarySolution):
 
     # --- gaps in flight ---------------------------------------------------------------------------
 
-    @cached_property
-    def watched(self) -> Watched:
-        """Minima and bounds of the gaps of all stops in the flights."""
-        from dynkit.systems.impact.orbits.flight_kernels import MOST
-        from dynkit.systems.impact.orbits.itineraries.one_mode.watching_kernels import (
-            Watched,
-            watch_gaps,
-        )
-
-        windows, shape = self.windows, (len(self.sides), len(self.terms.rests))
-        numbers, truths = np.empty((4, *shape)), np.empty((2, *shape), bool)
-        out, buffer = Watched(*numbers, *truths), np.empty(22 * (MOST + 1))
-        kept = self.mode.propagators.ladder, self.mode.work, windows.rows, windows.bounds
-        own = self.terms.numbers, self.states, self.event_phases, self.clock
-        watch_gaps(*kept, *own, self.lasts, self.sides, self.assembled.following, buffer, out)
-        return out
-
     def _curve(self, i: int, element: int, guard: int) -> Curve:  # noqa: ARG002
         from dynkit.systems.impact.orbits.itineraries.one_mode.response_kernels import follow_gap
 
         start, phase = self.states[i : i + 1], float(self.event_phases[i])
+        drive, clock = float(abs(self.terms.drives[element])), float(self.clock)
 
         def values(since: Array, orders: int) -> Array:
             kept = self.mode.propagators.ladder, self.mode.work, self.windows.rows
@@ -328,8 +311,32 @@ class ResponseSolution(ItinerarySolution):
             follow_gap(*kept, element, numbers, start, phase, self.clock, since, out)
             return out
 
-        size, bend, lowest, at = (float(number[i, element]) for number in self.watched[:4])
-        return Curve(values, float(self.lasts[i]), (size, bend), (lowest, at))
+        size, _, bend, _ = (self.windows.bounds[element] * abs(start)).sum(axis=(1, 2)).tolist()
+        return Curve(values, float(self.lasts[i]), (size + drive, bend + drive * clock**2))
+
+    def is_open(self, i: int, element: int) -> bool | None:
+        """Whether a gap is positive in the flight after impact number `i`; None if not certain.
+
+        The proof: on each cell the error of the quintic Hermite polynomial is at most h^6/46080
+        sup |f^(6)|, or 2 sup |f| + 2/5 h sup |f'| + h^2/20 sup |f''|, for each term of the gap. The
+        polynomial's Bernstein coefficients must exceed this error. The coefficient at an impact is
+        left out: there the gap vanishes in first order of time, and the polynomial's error in third
+        order.
+        """
+        from dynkit.systems.impact.orbits.flight_kernels import least_coefficient
+
+        curve, bounds = self.curve(i, element), self.windows.bounds[element]
+        times, values = curve.nodes
+        if min(curve.smallest[0], float(values[0, 1:-1].min())) < -curve.rounding:
+            return False
+        h = float(times[1])
+        cap = 2.0 * bounds[0] + 0.4 * h * bounds[1] + 0.05 * h * h * bounds[2]
+        error = float((np.minimum(bounds[3] * h**6 / 46080.0, cap) * abs(self.states[i])).sum())
+        error += float(abs(self.terms.drives[element])) * (self.clock * h) ** 6 / 46080.0
+        # the gap itself is zero at impacts with this stop
+        first, last = (self.sides[k] == element for k in self.ends(i))
+        proved = least_coefficient(values, h, first, last) > 1.1 * (error + curve.rounding)
+        return True if proved else None
 
     def size_of(self, i: int, element: int, guard: int) -> float:  # noqa: ARG002
         row = self.oscillator._stops[element].row(self.oscillator.degrees_of_freedom)

@@ -10,7 +10,6 @@ import numpy as np
 from dynkit.core.differences import STEP
 from dynkit.core.kept import cached_property
 from dynkit.core.validation import Array
-from dynkit.exponential.propagators import padded
 from dynkit.orbits.newton import NoSolution
 from dynkit.systems.impact.orbits.itineraries.flying import Flights, laid
 from dynkit.systems.impact.orbits.itineraries.itinerary import Course
@@ -94,8 +93,7 @@ class Passage(ItinerarySolution):
         """
         out = self._flown.copy()
         for i, chatter in self.chatters.items():
-            d = len(out[i])
-            out[i] = out[i] @ self._carried(i, chatter, np.eye(d, padded(d)))[:, :d]
+            out[i] = out[i] @ self._carried(i, chatter, np.eye(len(out[i])))
         return out
 
     def _carried(self, i: int, chatter: Chatter, changes: Array) -> Any:
