@@ -12,7 +12,7 @@ from dynkit import NoConvergence, continue_orbit
 from dynkit.core.validation import Array
 from dynkit.systems import DryFriction, HardStop, ImpactChain, Jenkins, SoftStop
 from dynkit.systems.impact.orbits.itineraries.happening import Happening
-from dynkit.systems.impact.orbits.itineraries.itinerary import Seen, regimes_of
+from dynkit.systems.impact.orbits.itineraries.itinerary import Seen, counts_of, regimes_of
 from dynkit.systems.impact.orbits.itineraries.simulated import simulated as followed
 from dynkit.systems.impact.orbits.orbit import ImpactOrbit
 from dynkit.testing import check_problem
@@ -229,3 +229,16 @@ def test_a_slider_that_yields_for_a_moment_at_an_impact_changes_no_motion(monkey
     assert orbit.sticks
     assert orbit.admissible
     assert inserted
+
+
+def test_a_slider_that_yields_for_a_moment_at_an_impact_is_not_counted() -> None:
+    orbit: Any = JOINED.attractor(transient=300, impacts=60).periodic_orbit()
+    itinerary, n = orbit._problem.itinerary, len(orbit._problem.itinerary)
+    k = next(k for k, e in enumerate(itinerary) if e.kicked and not e.mode.numbers[1])
+    hit = itinerary[k]
+    yields = Happening(hit.mode, 1, 0)
+    slips = hit._replace(mode=regimes_of(JOINED, (hit.mode.numbers[0], 1)))
+    events, lasting = (*itinerary[:k], yields, slips, *itinerary[k + 1 :]), np.ones(n + 1)
+    assert counts_of(JOINED, events, lasting)["joint.sticks"] == orbit.counts["joint.sticks"] + 1
+    lasting[k + 1] = 0.0
+    assert counts_of(JOINED, events, lasting) == orbit.counts

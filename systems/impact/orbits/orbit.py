@@ -56,7 +56,7 @@ class OrbitEquations(Protocol):
     def section_returns(self) -> int:
         """Number of returns to the section in a period."""
 
-    def counts(self) -> dict[str, float]:
+    def counts(self, x: Array) -> dict[str, float]:
         """Numbers of events in a period, by element."""
 
     def state_error(self, x: Array, p: Array, residual: float) -> float:
@@ -145,7 +145,7 @@ class ImpactOrbit(KeptSolution, PeriodicOrbit):
     @cached_property
     def counts(self) -> Mapping[str, float]:
         """Numbers of events in a period, by element, as in `OrbitLabel.counts`."""
-        return self._problem.counts()
+        return self._problem.counts(self._x)
 
     @property
     def periods(self) -> int:

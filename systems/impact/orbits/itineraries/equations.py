@@ -37,6 +37,7 @@ from dynkit.systems.impact.orbits.orbit import (
     progression_of,
 )
 from dynkit.systems.impact.orbits.problem import ImpactProblem
+from dynkit.systems.impact.records.event_counts import LASTING
 from dynkit.systems.impact.simulation.state import TWO_PI
 
 REPEATED = 1e-7
@@ -119,9 +120,11 @@ class ItineraryEquations(ImpactProblem):
         """Number of returns to the section in a period."""
         return len(self.nodes) if self.sticks else returns_of(self.oscillator, self.itinerary)
 
-    def counts(self) -> dict[str, float]:
+    def counts(self, x: Array) -> dict[str, float]:
         """Numbers of events in a period, by element: see `OrbitLabel.counts`."""
-        return counts_of(self.oscillator, self.itinerary)
+        s = self.at(x, self.values)
+        lasting = np.roll(s.durations, 1) > LASTING * s.period
+        return counts_of(self.oscillator, self.itinerary, lasting)
 
     def returns(self, x: Array, p: Array) -> Any:
         if not self.driven:
