@@ -227,3 +227,38 @@ def test_a_branch_is_left_where_a_dashpot_takes_all_of_a_preload() -> None:
     beyond = branch.parameter > found.value + 1e-6
     assert beyond.sum() > 3
     assert branch.admissible[beyond].all()
+
+
+STATIC = MatrixOscillator(
+    M=[[1.2146]],
+    C=[[0.1]],
+    K=[[0.47625]],
+    frequency=0.61169,
+    harmonic_forces=[0.57444],
+    constant_forces=[0.31514],
+    elements=[
+        HardStop(0, offset=0.08929, side="below", restitution=0.96, name="table"),
+        DryFriction(0, force=0.09941, static=0.12924, name="rub"),
+    ],
+)
+"""A mass whose slip changes its sign with a force just above the static force."""
+
+
+def slipping() -> Any:
+    """Its branch, along which the force at the change of sign falls to the static force."""
+    orbit = STATIC.attractor(transient=400, impacts=40).periodic_orbit()
+    return continue_orbit(orbit, "table.restitution", bounds=(0.96, 0.98))
+
+
+def test_where_static_friction_holds_at_once_the_motion_jumps_to_the_branch_that_sticks() -> None:
+    jump = slipping().bifurcations[0]
+    assert "crossing-sliding" in jump.touching
+    (there,) = jump.switch()
+    beyond = continue_orbit(there, "table.restitution", bounds=(0.96, 0.98))
+    (begin,) = beyond.bifurcations
+    assert "switching-sliding" in begin.touching
+    assert (beyond.admissible == (beyond.parameter > begin.value)).all()
+    end = beyond.orbit(int(np.argmax(beyond.parameter)))
+    settled = end.system.attractor(transient=400, impacts=1)
+    apart = [abs(end.system.difference(settled.states[-1], own)).max() for own in end.states]
+    assert min(apart) <= end.error + settled.error

@@ -278,9 +278,15 @@ class Beginning(_WhereItBegins):
         event, mode, element, guard, sign = self.begun
         if sign > 0.0:
             return None
-        phase = float(self.problem.at(x, p).event_phases[event])
-        more = [Happening(mode, element, guard)]
-        found: tuple[Problem, Array] = self.problem.with_events(x, p, event, phase, more)
+        s, found = self.problem.at(x, p), None
+        z, flights = s.begun(event), s.flights(mode)
+        if flights.observed(element, guard, z)[1] @ flights.rates(z[None])[0] < 0.0:
+            more = [Happening(mode, element, guard)]  # it sticks for a short time
+            found = self.problem.with_events(x, p, event, float(s.event_phases[event]), more)
+        else:  # it sticks on: if that ends a slip, the motion without this slip is a guess
+            after = (event + 1) % s.events
+            if s.itinerary[after].element == element and s.following[after].mode == mode:
+                found = self.problem.without(x, p, [after])
         return found
 
 
