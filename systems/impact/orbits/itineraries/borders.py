@@ -333,7 +333,10 @@ class VanishingInterval(Border):
             after = solution.following[(self.part + 1) % solution.events].mode
             same = after.numbers[first.element] == first.mode.numbers[first.element]
             return "grazing-sliding" if same else "crossing-sliding"
-        return "adding-sliding" if first.element in first.mode.held else "grazing"
+        if first.element in first.mode.held:
+            return "adding-sliding"
+        sticks = first.element in solution.following[(self.part + 1) % solution.events].mode.held
+        return "switching-sliding" if sticks else "grazing"
 
     def neighbour(self, x: Array, p: Array) -> tuple[Problem, Array] | None:
         s, i = self.problem.at(x, p), self.part
