@@ -407,12 +407,12 @@ def test_a_run_has_one_work_space_for_all_modes_that_it_finds(
 def test_a_label_follows_disturbances_over_two_periods(monkeypatch: pytest.MonkeyPatch) -> None:
     flown: list[int] = []
 
-    def counted(*arguments: Any, plain: Any = tangents._passes) -> Any:
+    def counted(*arguments: Any, plain: Any = tangents.steps_of) -> Any:
         found = plain(*arguments)
-        flown.append(len(found[0]))
+        flown.append(len(found.first))
         return found
 
-    monkeypatch.setattr(tangents, "_passes", counted)
+    monkeypatch.setattr(tangents, "steps_of", counted)
     attractor = ImpactChain(masses=4, frequency=0.87).attractor(transient=700, keep=100)
     assert attractor.label.stable
     assert flown == [2 * (attractor.label.iterates or 0)]

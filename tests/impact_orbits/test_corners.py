@@ -10,6 +10,7 @@ from dynkit.systems import (
     DryFriction,
     HardStop,
     ImpactChain,
+    Jenkins,
     MatrixOscillator,
     SoftStop,
     ViscoelasticSpheres,
@@ -227,3 +228,76 @@ def test_a_branch_is_left_where_a_dashpot_takes_all_of_a_preload() -> None:
     beyond = branch.parameter > found.value + 1e-6
     assert beyond.sum() > 3
     assert branch.admissible[beyond].all()
+
+
+STATIC = MatrixOscillator(
+    M=[[1.2146]],
+    C=[[0.1]],
+    K=[[0.47625]],
+    frequency=0.61169,
+    harmonic_forces=[0.57444],
+    constant_forces=[0.31514],
+    elements=[
+        HardStop(0, offset=0.08929, side="below", restitution=0.96, name="table"),
+        DryFriction(0, force=0.09941, static=0.12924, name="rub"),
+    ],
+)
+"""A mass whose slip changes its sign with a force just above the static force."""
+
+
+def slipping() -> Any:
+    """Its branch, along which the force at the change of sign falls to the static force."""
+    orbit = STATIC.attractor(transient=400, impacts=40).periodic_orbit()
+    return continue_orbit(orbit, "table.restitution", bounds=(0.96, 0.98))
+
+
+def test_where_static_friction_holds_at_once_the_motion_jumps_to_the_branch_that_sticks() -> None:
+    jump = slipping().bifurcations[0]
+    assert "crossing-sliding" in jump.touching
+    (there,) = jump.switch()
+    beyond = continue_orbit(there, "table.restitution", bounds=(0.96, 0.98))
+    (begin,) = beyond.bifurcations
+    assert "switching-sliding" in begin.touching
+    assert (beyond.admissible == (beyond.parameter > begin.value)).all()
+    end = beyond.orbit(int(np.argmax(beyond.parameter)))
+    settled = end.system.attractor(transient=400, impacts=1)
+    apart = [abs(end.system.difference(settled.states[-1], own)).max() for own in end.states]
+    assert min(apart) <= end.error + settled.error
+
+
+def test_a_slip_between_a_change_of_sign_and_a_halt_vanishes_at_a_located_border() -> None:
+    last = slipping().bifurcations[-1]
+    assert "switching-sliding" in last.touching
+    assert last.error < 1e-10
+    (there,) = last.switch()
+    assert there.counts["rub.sticks"] == 1
+    assert len(there.unknowns) == len(last.orbit.unknowns) - 1
+
+
+def test_a_branch_begins_where_a_soft_stop_is_left_for_a_moment() -> None:
+    """Its gap touches zero from within; beyond, it is left and touched again."""
+    two = MatrixOscillator(
+        M=np.diag([0.8246, 0.6915]),
+        C=0.1 * np.eye(2),
+        K=[[2.716, -2.003], [-2.003, 4.508]],
+        frequency=1.565,
+        harmonic_forces=[0.8145 - 0.0378j, -0.9605 + 0.7088j],
+        elements=[
+            SoftStop((0, 1), offset=-0.0507, stiffness=3.953, name="stop"),
+            Jenkins(
+                0, amplitude=0.2828, side="below", stiffness=2.935, force=0.2063, velocity=-0.2
+            ),
+        ],
+    )
+    orbit: Any = two.attractor(transient=400, impacts=20).periodic_orbit()
+    branch = continue_orbit(orbit, "frequency", bounds=(1.565, 1.58))
+    grazing = next(b for b in branch.bifurcations if "grazing" in b.touching)
+    (there,) = grazing.switch()
+    beyond = continue_orbit(there, "frequency", bounds=(1.565, 1.58))
+    assert there.counts["stop.presses"] == 2
+    assert beyond.parameter.max() == 1.58
+    assert beyond.admissible[beyond.parameter > grazing.value].all()
+    end = beyond.orbit(int(np.argmax(beyond.parameter)))
+    settled = end.system.attractor(transient=400, impacts=1)
+    apart = abs(end.system.difference(settled.states[-1], end.states[0])).max()
+    assert apart <= end.error + settled.error

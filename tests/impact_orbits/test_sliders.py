@@ -363,3 +363,34 @@ def test_a_slider_that_yields_at_the_very_place_of_a_stop_is_a_motion_or_none(
     assert branch.admissible[[0, *(changes + 1)]].tolist() == sides
     places = [found.place for found in branch.bifurcations if found.kind == "GR"]
     assert all(min(abs(change + 0.5 - place) for place in places) < 1.0 for change in changes)
+
+
+def test_switching_where_an_impact_leaves_a_slider_at_its_limit_leads_to_motions_only() -> None:
+    """At both ends a slider yields: before an impact that finds it at its limit, and at a stop."""
+    machine = ImpactChain(
+        masses=1,
+        damping=0.1,
+        frequency=0.79,
+        harmonic_forces=[0.5],
+        elements=[
+            HardStop(0, offset=-0.02, restitution=0.74, name="table"),
+            Jenkins(0, stiffness=7.88, force=0.2, name="joint"),
+        ],
+    )
+    orbit = machine.attractor(transient=300, impacts=40).periodic_orbit()
+    name, bounds = "table.restitution", (0.6, 0.78)
+    branch = continue_orbit(orbit, name, bounds=bounds)
+    hits, slips, yields = sorted(branch.bifurcations, key=lambda b: (round(b.value, 9), b.event))
+    assert abs(hits.value - slips.value) < 1e-9
+    for found, what in ((hits, "grazing"), (slips, "grazing-sliding"), (yields, "grazing-sliding")):
+        assert what in found.touching
+    assert not slips.switch()  # the impact turns it back
+    assert len(hits.switch()) == 1
+    (there,) = yields.switch()
+    beyond = continue_orbit(there, name, bounds=bounds)
+    assert beyond.admissible[beyond.parameter > yields.value].all()
+    end = beyond.orbit(int(np.argmax(beyond.parameter)))
+    assert end.system.parameters[name] == bounds[1]
+    settled = end.system.attractor(transient=900, impacts=1)
+    apart = [abs(end.system.difference(settled.states[-1], own)).max() for own in end.states]
+    assert min(apart) <= end.error + settled.error

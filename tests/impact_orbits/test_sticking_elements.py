@@ -11,6 +11,9 @@ import pytest
 from dynkit import NoConvergence, continue_orbit
 from dynkit.core.validation import Array
 from dynkit.systems import DryFriction, HardStop, ImpactChain, Jenkins, SoftStop
+from dynkit.systems.impact.orbits.itineraries.happening import Happening
+from dynkit.systems.impact.orbits.itineraries.itinerary import Seen, counts_of, regimes_of
+from dynkit.systems.impact.orbits.itineraries.simulated import simulated as followed
 from dynkit.systems.impact.orbits.orbit import ImpactOrbit
 from dynkit.testing import check_problem
 from tests.impact_orbits.sticking_cases import differences
@@ -59,6 +62,16 @@ MACHINES = {
         elements=[table(2, 0.3), DryFriction(0, force=0.02)],
     ),
 }
+JOINED = ImpactChain(
+    masses=2,
+    damping=0.05,
+    frequency=0.394,
+    harmonic_forces=[0.64, 0.646],
+    elements=[
+        HardStop(1, restitution=0.59, name="table"),
+        Jenkins(0, stiffness=0.6635, force=0.05, name="joint"),
+    ],
+)
 SMOOTH = [name for name in MACHINES if "friction" not in name]
 """Those in which small changes at a release break no stick."""
 
@@ -125,17 +138,7 @@ def test_the_contract_of_problems_holds(name: str) -> None:
 
 
 def test_a_slider_slips_while_a_stop_chatters() -> None:
-    system = ImpactChain(
-        masses=2,
-        damping=0.05,
-        frequency=0.394,
-        harmonic_forces=[0.64, 0.646],
-        elements=[
-            HardStop(1, restitution=0.59, name="table"),
-            Jenkins(0, stiffness=0.6635, force=0.05, name="joint"),
-        ],
-    )
-    attractor: Any = system.attractor(transient=300, impacts=60)
+    attractor: Any = JOINED.attractor(transient=300, impacts=60)
     orbit = attractor.periodic_orbit()
     assert isinstance(orbit, ImpactOrbit)
     assert orbit.sticks
@@ -203,3 +206,39 @@ def test_a_chatter_that_another_stop_sets_off_is_refused_by_name() -> None:
     assert "P(inf,1)" in str(attractor.label)
     with pytest.raises(NoConvergence, match="a chatter begins with another stop's impact"):
         attractor.periodic_orbit()
+
+
+def test_a_slider_that_yields_for_a_moment_at_an_impact_changes_no_motion(monkeypatch: Any) -> None:
+    """An impact may leave a slider at its limit; rounding decides whether it slips at the next."""
+    orbit: Any = JOINED.attractor(transient=300, impacts=60).periodic_orbit()
+    inserted = []
+
+    def simulated(*given: Any) -> Seen:
+        seen = followed(*given)
+        events, times = list(seen.events), seen.times
+        for k in range(len(events) - 1, -1, -1):
+            mode = events[k].mode
+            if events[k].kicked and mode.numbers[1] == 0 == events[k + 1].mode.numbers[1]:
+                slips = regimes_of(JOINED, (mode.numbers[0], 1))
+                events[k : k + 1] = [Happening(mode, 1, 0), events[k]._replace(mode=slips)]
+                times = np.insert(times, k, times[k])
+                inserted.append(k)
+        return Seen(times, tuple(events), np.zeros((len(times), 5)))
+
+    monkeypatch.setattr("dynkit.systems.impact.orbits.itineraries.simulated.simulated", simulated)
+    assert orbit.sticks
+    assert orbit.admissible
+    assert inserted
+
+
+def test_a_slider_that_yields_for_a_moment_at_an_impact_is_not_counted() -> None:
+    orbit: Any = JOINED.attractor(transient=300, impacts=60).periodic_orbit()
+    itinerary, n = orbit._problem.itinerary, len(orbit._problem.itinerary)
+    k = next(k for k, e in enumerate(itinerary) if e.kicked and not e.mode.numbers[1])
+    hit = itinerary[k]
+    yields = Happening(hit.mode, 1, 0)
+    slips = hit._replace(mode=regimes_of(JOINED, (hit.mode.numbers[0], 1)))
+    events, lasting = (*itinerary[:k], yields, slips, *itinerary[k + 1 :]), np.ones(n + 1)
+    assert counts_of(JOINED, events, lasting)["joint.sticks"] == orbit.counts["joint.sticks"] + 1
+    lasting[k + 1] = 0.0
+    assert counts_of(JOINED, events, lasting) == orbit.counts

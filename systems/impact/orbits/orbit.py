@@ -112,7 +112,7 @@ class ImpactOrbit(KeptSolution, PeriodicOrbit):
     @cached_property
     def counts(self) -> Mapping[str, float]:
         """Numbers of events in a period, by element, as in `OrbitLabel.counts`."""
-        return self._problem.counts()
+        return self._problem.counts(self._x)
 
     @property
     def periods(self) -> int:

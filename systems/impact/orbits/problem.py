@@ -44,6 +44,7 @@ from dynkit.systems.impact.orbits.itineraries.several_modes.linear import Linear
 from dynkit.systems.impact.orbits.itineraries.several_modes.shooting import ShootingSolution
 from dynkit.systems.impact.orbits.itineraries.several_modes.taylor import TaylorSolution
 from dynkit.systems.impact.orbits.machine import Changes, Machine, Regimes, derivative, machine_of
+from dynkit.systems.impact.records.event_counts import LASTING
 from dynkit.systems.impact.simulation.parameters import changes_alone
 from dynkit.systems.impact.simulation.state import TWO_PI
 
@@ -256,9 +257,11 @@ class ImpactProblem(PeriodicProblem, WatchedProblem):
         """Number of returns to the section in a period."""
         return len(self.nodes) if self.sticks else returns_of(self.oscillator, self.itinerary)
 
-    def counts(self) -> dict[str, float]:
+    def counts(self, x: Array) -> dict[str, float]:
         """Numbers of events in a period, by element: see `OrbitLabel.counts`."""
-        return counts_of(self.oscillator, self.itinerary)
+        s = self.at(x, self.values)
+        lasting = np.roll(s.durations, 1) > LASTING * s.period
+        return counts_of(self.oscillator, self.itinerary, lasting)
 
     @property
     def sides(self) -> Any:

@@ -16,7 +16,7 @@ from dynkit.systems.impact.simulation.trajectory import Ending
 if TYPE_CHECKING:
     from dynkit.systems.impact.impact_map import ImpactMap
 
-_LASTING = 2.0**-40
+LASTING = 2.0**-40
 """Segments that last a smaller part of the period than this are not counted."""
 
 
@@ -53,7 +53,7 @@ def event_counts(system: ImpactMap, start: ImpactState, length: float) -> dict[s
     def within(times: Any) -> Any:
         return (times > end - length) & (times <= end)
 
-    lasts = np.diff(s.begin, append=np.inf) > _LASTING * length
+    lasts = np.diff(s.begin, append=np.inf) > LASTING * length
     modes, begin = s.mode[lasts], s.begin[lasts]
     regimes = np.array(run.regimes)
     impact = within(s.begin[1:]) & (s.kind[1:] == EventKind.IMPACT)

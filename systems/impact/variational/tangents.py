@@ -107,10 +107,8 @@ def returned(oscillator: DrivenStructure, run: Trajectory, impacts: Sequence[int
     """
     from dynkit.systems.impact.variational.tangent_kernels import stretch
 
-    steps, d = (
-        steps_of(oscillator, run, slice(impacts[0] + 1, impacts[-1] + 1)),
-        oscillator.dimension,
-    )
+    d = oscillator.dimension
+    steps = steps_of(oscillator, run, slice(impacts[0] + 1, impacts[-1] + 1))
     ends = np.append(steps.first, len(steps.which))[np.array(impacts) - impacts[0]].tolist()
     frames, none = np.zeros((len(impacts) - 1, d, d)) + np.eye(d), np.empty((0, d))
     for frame, begin, end in zip(frames, ends, ends[1:], strict=False):

@@ -32,9 +32,13 @@ from dynkit.systems.impact.orbits.itineraries.motion import AT_ONCE, SAME
 from dynkit.systems.impact.orbits.itineraries.parting import reversed_order
 from dynkit.systems.impact.orbits.itineraries.several_modes.shooting import ShootingSolution
 from dynkit.systems.impact.orbits.machine import Regimes
+from dynkit.systems.impact.simulation.state import turning
 
 if TYPE_CHECKING:
     from dynkit.systems.impact.orbits.itineraries.motion import ItinerarySolution
+
+_ZERO = 2.0**-30
+"""Value, relative to its unit, below which a guard is zero at a border that is solved for."""
 
 
 def borders_of(problem: Any, s: ItinerarySolution) -> Iterator[Border]:
@@ -251,9 +255,15 @@ class Beginning(_WhereItBegins):
         event, mode, element, guard, sign = self.begun
         if sign > 0.0:
             return None
-        phase = float(self.problem.at(x, p).event_phases[event])
-        more = [Happening(mode, element, guard)]
-        found: tuple[Problem, Array] = self.problem.with_events(x, p, event, phase, more)
+        s, found = self.problem.at(x, p), None
+        z, flights = s.begun(event), s.flights(mode)
+        if flights.observed(element, guard, z)[1] @ flights.rates(z[None])[0] < 0.0:
+            more = [Happening(mode, element, guard)]  # it sticks for a short time
+            found = self.problem.with_events(x, p, event, float(s.event_phases[event]), more)
+        else:  # it sticks on: if that ends a slip, the motion without this slip is a guess
+            after = (event + 1) % s.events
+            if s.itinerary[after].element == element and s.following[after].mode == mode:
+                found = self.problem.without(x, p, [after])
         return found
 
 
@@ -300,7 +310,10 @@ class VanishingInterval(Border):
             after = solution.following[(self.part + 1) % solution.events].mode
             same = after.numbers[first.element] == first.mode.numbers[first.element]
             return "grazing-sliding" if same else "crossing-sliding"
-        return "adding-sliding" if first.element in first.mode.held else "grazing"
+        if first.element in first.mode.held:
+            return "adding-sliding"
+        sticks = first.element in solution.following[(self.part + 1) % solution.events].mode.held
+        return "switching-sliding" if sticks else "grazing"
 
     def neighbour(self, x: Array, p: Array) -> tuple[Problem, Array] | None:
         s, i = self.problem.at(x, p), self.part
@@ -407,13 +420,43 @@ class TouchingGuard(Touching):
         watch = regimes[number].guards[self.number]
         if watch.event == IMPACT:
             return self._with(x, p, [Happening(mode, k, self.number, mode)])
-        numbers = list(mode.numbers)
-        numbers[k] = watch.to
-        there = regimes_of(system, system._parts.settled(numbers))
-        if there.numbers[k] != watch.to:
+        there = _changed(system, mode, k, watch.to)
+        if there.numbers[k] != watch.to or (watch.stretch and self._meets_stop(s)):
             return None
         back = way_back(system, there, k, number)
-        return self._with(x, p, [Happening(mode, k, self.number), *back]) if back else None
+        found = self._with(x, p, [Happening(mode, k, self.number), *back]) if back else None
+        return self._yielding(*found, p, 1 + len(back)) if found and watch.stretch else found
+
+    def _meets_stop(self, s: Any) -> bool:
+        """Whether a hard stop is touched there, too: its impact turns the slider back."""
+        phase, mode = self.begin(s), s.following[self.part].mode
+        z = np.append(s.flown(self.part, float(phase[0])), turning(phase))
+        return any(
+            s.oscillator._elements[k].regimes[mode.numbers[k]].guards[g].event == IMPACT
+            and _is_zero(s, mode, k, g, z)
+            for k, g in mode.watched
+        )
+
+    def _yielding(self, problem: Any, x: Array, p: Array, more: int) -> tuple[Problem, Array]:
+        """Add the yield of a slider before the next impact, if it is at its limit there.
+
+        An impact left it at its limit. After the slip that begins at this border, it reaches its
+        limit just before the stop.
+        """
+        s, k, system = problem.at(x, p), self.side, problem.oscillator
+        for i in range(self.part + more, self.part + s.events):
+            j, own = (i + 1) % s.events, s.following[i % s.events]
+            if own.element == k:
+                break
+            for g, watch in enumerate(system._elements[k].regimes[own.mode.numbers[k]].guards):
+                if own.kicked and watch.stretch and _is_zero(s, own.mode, k, g, s.before[j]):
+                    phase = float(s.lap.phases[i % s.events + 1])
+                    yields = Happening(own.mode, k, g)
+                    other, y = problem.with_events(x, p, i % s.events, phase, [yields])
+                    slips, events = _changed(system, own.mode, k, watch.to), [*other.itinerary]
+                    events[j + bool(j)] = own._replace(mode=slips, kicked=slips)
+                    return other.remade(itinerary=tuple(events)), y
+        return problem, x
 
     def _with(self, x: Array, p: Array, more: list[Happening]) -> tuple[Problem, Array] | None:
         phase = float(self.begin(self.problem.at(x, p))[0])
@@ -421,6 +464,18 @@ class TouchingGuard(Touching):
             return None
         found: tuple[Problem, Array] = self.problem.with_events(x, p, self.part, phase, more)
         return found
+
+
+def _changed(system: Any, mode: Regimes, element: int, number: int) -> Regimes:
+    """The mode in which an element has another regime."""
+    numbers = [number if k == element else own for k, own in enumerate(mode.numbers)]
+    return regimes_of(system, system._parts.settled(numbers))
+
+
+def _is_zero(s: Any, mode: Regimes, element: int, guard: int, z: Array) -> bool:
+    """Whether a guard is zero at a state (D,)."""
+    value, row = s.watch(mode, element, guard, z)
+    return bool(abs(value) <= _ZERO * (abs(row) @ s.measures))
 
 
 def _slides(element: Element, mode: Regimes, number: int) -> bool:

@@ -388,9 +388,16 @@ def of_cycle(seen: Seen, run: Trajectory, placed: Callable[[Array], Array]) -> t
     )
 
 
-def counts_of(oscillator: ImpactMap, itinerary: Itinerary) -> dict[str, float]:
-    """Numbers of events in a period, by element: see `OrbitLabel.counts`."""
+def counts_of(oscillator: ImpactMap, itinerary: Itinerary, lasting: Array) -> dict[str, float]:
+    """Numbers of events in a period, by element: see `OrbitLabel.counts`.
+
+    `lasting` (n,) says whether the mode before each event lasts longer than rounding. Other modes
+    are not counted beside an impact: rounding decides whether a slider that an impact left at its
+    limit yields for a moment at the next impact.
+    """
     found: dict[str, float] = {}
+    pairs = zip(itinerary[-1:] + itinerary[:-1], itinerary, lasting, strict=True)
+    modes = [event.mode for one, event, lasts in pairs if lasts or not (one.kicked or event.kicked)]
     for k, (name, element) in enumerate(
         zip(element_names(oscillator), oscillator._elements, strict=True)
     ):
@@ -398,7 +405,7 @@ def counts_of(oscillator: ImpactMap, itinerary: Itinerary) -> dict[str, float]:
             hits = [e for e in itinerary if e.kicked is not None and e.element == k]
             chatters = any(e.chatters and _rebounds(element.restitution, e.piece) for e in hits)
             found[f"{name}.impacts"] = math.inf if chatters else len(hits)
-        doing = [element.doing[event.mode.numbers[k]] for event in itinerary]
+        doing = [element.doing[mode.numbers[k]] for mode in modes]
         for what in sorted(filter(None, set(element.doing))):
             begun = zip(doing, [doing[-1], *doing[:-1]], strict=True)
             found[f"{name}.{what}"] = sum(now == what != before for now, before in begun)

@@ -78,18 +78,12 @@ def _comes_again(s: Any) -> bool:
     turned = [(i + 1 + k) % s.events for k in range(s.events)]
     order = [k for k in turned if s.itinerary[k].element >= 0]
     seen = simulated(s.oscillator, start, s.period, most=len(order), machine=s.machine)
-    within, sliders = SAME * s.period, s.oscillator._parts.sliders
-    found, wanted = (
-        _without_order(times, events, within, sliders)
-        for times, events in (
-            (seen.times, seen.events),
-            (due[order], [s.itinerary[k] for k in order]),
-        )
-    )
-    stops = len(s.oscillator._stops)
+    within, stops = SAME * s.period, len(s.oscillator._stops)
+    found = _without_order(s, seen.times, seen.events)
+    wanted = _without_order(s, due[order], [s.itinerary[k] for k in order])
     return len(found) == len(wanted) and all(
-        abs(time - at) <= within and _same(event, other, stops)
-        for (time, event), (at, other) in zip(found, wanted, strict=True)
+        abs(seen.times[i] - due[order[k]]) <= within and _same(event, other, stops)
+        for (i, event), (k, other) in zip(found, wanted, strict=True)
     )
 
 
@@ -106,25 +100,24 @@ def _amid(s: Any, i: int, since: float) -> Any:
 
 
 def _without_order(
-    times: Array, events: Sequence[Happening], within: float, sliders: Sequence[int]
-) -> list[tuple[float, Happening]]:
-    """Times and events, with simultaneous events sorted by elements and in the mode before them.
+    s: Any, times: Array, events: Sequence[Happening]
+) -> list[tuple[int, Happening]]:
+    """Numbers of events, and events; simultaneous ones by elements and in the mode before them.
 
     The order of simultaneous events is decided by rounding. So is whether a slider yields and
     sticks again at once, as it may when an impact left it at its limit: such events are left out.
     """
-    groups: list[list[tuple[float, Happening]]] = []
-    late = np.diff(times, prepend=-np.inf) > within
-    for own in zip(late.tolist(), times.tolist(), events, strict=True):
-        groups += [[]] if own[0] else []
-        groups[-1].append(own[1:])
-    modes = [group[0][1].mode for group in groups]
+    groups: list[list[int]] = []
+    for k, late in enumerate((np.diff(times, prepend=-np.inf) > SAME * s.period).tolist()):
+        groups += [[]] if late else []
+        groups[-1].append(k)
+    modes = [events[group[0]].mode for group in groups]
     found = []
     for group, mode, after in zip(groups, modes, [*modes[1:], *modes[:1]], strict=True):
-        undone = [k for k in sliders if mode.numbers[k] == after.numbers[k]]
-        kept = [own for own in group if own[1].kicked or own[1].element not in undone]
-        kept.sort(key=lambda own: own[1].element)
-        found += [(time, event._replace(mode=mode)) for time, event in kept]
+        undone = [k for k in s.machine.sliders if mode.numbers[k] == after.numbers[k]]
+        kept = [k for k in group if events[k].kicked or events[k].element not in undone]
+        kept.sort(key=lambda k: events[k].element)
+        found += [(k, events[k]._replace(mode=mode)) for k in kept]
     return found
 
 
@@ -152,17 +145,20 @@ def _is_released(s: Any, node: int) -> bool:
     # rounding decides which slider slips at a release
     opens = within if s.machine.sliders else 0.0
     begun = int(np.searchsorted(seen.times, min(opens, float(due[0]) - within)))
-    found = iter(zip(seen.times[begun:], seen.events[begun:], strict=True))
-    for i, at in enumerate(due, begin + 1):
-        if at <= within and i in s.course.nodes:
+    seen = seen.part(begun, len(seen.times))
+    found = iter(_without_order(s, seen.times, seen.events))
+    events = [s.itinerary[i % s.events] for i in range(begin + 1, end + 1)]
+    for k, wanted in _without_order(s, due, events):
+        i = begin + 1 + k
+        if due[k] <= within and i in s.course.nodes:
             return True  # another stop is released at the same time
-        wanted = s.itinerary[i % s.events]
-        time, event = next(found, (np.inf, wanted))
-        if not _same(event, wanted, len(s.oscillator._stops)) or abs(time - at) > within:
+        j, event = next(found, (-1, wanted))
+        on_time = j >= 0 and abs(seen.times[j] - due[k]) <= within
+        if not (on_time and _same(event, wanted, len(s.oscillator._stops))):
             return False
         bounces = wanted.chatters and s.chatters[i % s.events].rebounds
         while bounces and event.guard >= 0:  # until contact
-            _, event = next(found, (np.inf, Happening(wanted.mode, -1, 0)))
+            _, event = next(found, (-1, Happening(wanted.mode, -1, 0)))
             if event.element != wanted.element or not (event.kicked or event.guard < 0):
                 return False
     return True

@@ -1,10 +1,11 @@
 """Divided differences of guards that are zero at an earlier event for any motion.
 
-A soft stop is left when its gap is zero; the same gap was zero when the stop was touched. A slip
-ends when the slip velocity is zero, as it was when the slip began. A slider that has halted yields
-again in the same direction when its spring has the force that it had before. So the guard of the
-second event is zero at the first event for any motion, and the equation has a trivial solution with
-both events at one time. The guard divided by the time between the two events, or by its square, has
+A soft stop is left when its gap is zero; the same gap was zero when the stop was touched. If the
+stop is soon touched again, the gap was zero when it was left. A slip ends when the slip velocity is
+zero, as it was when the slip began or changed its sign. A slider that has halted yields again in
+the same direction when its spring has the force that it had before. So the guard of the second
+event is zero at the first event for any motion, and the equation has a trivial solution with both
+events at one time. The guard divided by the time between the two events, or by its square, has
 no trivial solution. This equation is regular where the two events merge and the branch ends.
 Motions are those of a `ShootingSolution`.
 """
@@ -40,7 +41,37 @@ def pairs(oscillator: ImpactMap, itinerary: Itinerary, free: Iterable[str]) -> l
     """
     owners = {name.rpartition(".")[0] for name in free if name.rpartition(".")[2] in _FORCES}
     parted = {k for k, name in enumerate(element_names(oscillator)) if name in owners}
-    return [_pair(oscillator, itinerary, i, parted) for i in range(len(itinerary))]
+    found = [_pair(oscillator, itinerary, i, parted) for i in range(len(itinerary))]
+    again = [
+        i for i in range(len(itinerary)) if not found[i] and _returns(oscillator, itinerary, i)
+    ]
+    more = found.copy()
+    for i in again:
+        more[i] = Pair((i - 1) % len(itinerary), 1)
+    # differences alone determine none of the guards of which each is zero at another event
+    return [found[i] if i in again and _closes(more, i) else pair for i, pair in enumerate(more)]
+
+
+def _returns(oscillator: ImpactMap, itinerary: Itinerary, i: int) -> bool:
+    """Whether an event is the return of a guard to zero, where it was at the event before."""
+    event, other = itinerary[i], itinerary[i - 1]
+    if event.element != other.element or event.element < 0 or event.kicked or other.kicked:
+        return False
+    own, before = watch_of(oscillator, event), watch_of(oscillator, other)
+    if own.force or before.force or own.normal or before.normal:
+        return False  # forces of constraints may jump
+    one, two = (np.array([w.gap, w.rate, w.stretch, w.level]) for w in (own, before))
+    opposite = float(one @ two) < 0.0
+    return opposite and bool((abs(one * abs(two).max() + two * abs(one).max()) == 0.0).all())
+
+
+def _closes(found: list[Pair | None], i: int) -> bool:
+    """Whether the pairs lead on from an event without end."""
+    for _ in found:
+        if (pair := found[i]) is None:
+            return False
+        i = pair.first
+    return True
 
 
 _FORCES = "force", "static", "coefficient"
