@@ -338,7 +338,8 @@ class TaylorCourse(Position):
         for i, (j, watch) in enumerate(self._mode.guards):
             if j != guard.element and watch.event == IMPACT:
                 value, band = self._mode.watched(i, state)
-                if value <= band and self._automaton.coupled(guard, j, *where):
+                late = _TOGETHER * self._time * abs(self._rate_of(j))
+                if value <= max(band, late) and self._automaton.coupled(guard, j, *where):
                     return True
         return False
 
