@@ -44,7 +44,8 @@ _AT_ONCE, _SWITCHES = 1000, 1 << 16
 """Limits that end a run: impacts in no time (for each element), switches without an impact."""
 
 _TOGETHER = 64.0 * 2.0**-52
-"""Events are simultaneous if they are closer than this part of the time since the start."""
+"""Events are simultaneous if they are closer than this part of the time since the start; impacts on
+two stops, of the longest flight so far."""
 
 _PACE = 0.4
 """Length of the steps of a disturbed run, relative to the longest step of Taylor's method."""
@@ -338,7 +339,7 @@ class TaylorCourse(Position):
         for i, (j, watch) in enumerate(self._mode.guards):
             if j != guard.element and watch.event == IMPACT:
                 value, band = self._mode.watched(i, state)
-                late = _TOGETHER * self._time * abs(self._rate_of(j))
+                late = _TOGETHER * self._longest * abs(self._rate_of(j))
                 if value <= max(band, late) and self._automaton.coupled(guard, j, *where):
                     return True
         return False
