@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, TypeAlias
 
 import numpy as np
 
@@ -17,8 +17,13 @@ from dynkit.systems.flows.integration import Step, Velocity
 if TYPE_CHECKING:
     from dynkit.dynamics.section import PoincareSection
 
-# Number of cells of a step: in each the section's value is assumed to have one extremum at most.
-_CELLS = 4
+# Number of cells of a step. A cell is divided until the section's value is a cubic there: until
+# value and rate at this part of the cell follow from those at its ends. The part is no simple
+# fraction, so that a periodic value is not seen at equal phases only.
+_CELLS, _PART = 2, 0.5 * (5.0**0.5 - 1.0)
+# Largest deviation from the cubic, relative to the value's changes; and that of an interpolation,
+# in units of the error of a step.
+_CUBIC, _INTERPOLATED = 2.0**-10, 64.0
 # A state is on the section if its value, over the reach, is at most this: a rounding error, which
 # `dynkit.testing.lift_lands_on_the_section` allows as well.
 ON_SECTION = 1e-13
@@ -86,18 +91,28 @@ def checked_search(
     return start, positive("time_limit", time_limit)
 
 
+_Cubic: TypeAlias = tuple[float, float, float, float]
+
+
+def _cubic(before: Look, after: Look, length: float) -> _Cubic:
+    """Return the coefficients of the cubic through two looks, in parts of the time between them."""
+    first, last, rise = length * before.rate, length * after.rate, after.value - before.value
+    return before.value, first, 3.0 * rise - 2.0 * first - last, first + last - 2.0 * rise
+
+
 @dataclass(frozen=True)
 class Search:
     """The search for the first crossing of a section by the motion with a given velocity.
 
-    Its `steps` go from a start, (d,), on for a duration. They are as exact as for states of at
-    least some size.
+    Its `steps` go from a start, (d,), on for a duration. Their errors are at most `accuracy` times
+    the size of the state, which counts as at least `least`.
     """
 
     velocity: Velocity
     section: PoincareSection
     steps: Callable[[Array, float], Iterable[Step]]
     least: float = 0.0
+    accuracy: float = 0.0
 
     def first(self, start: Array, time_limit: float) -> Crossing:
         """Return the first crossing after the start, (d,).
@@ -142,20 +157,52 @@ class Search:
         return Look(time, state, sign * value, sign * rate, own, reach, rounding)
 
     def _looks(self, step: Step, begin: Look) -> Iterator[Look]:
-        """Yield looks at the ends of a step's cells, and at extrema that may show a crossing."""
+        """Yield looks at a step that show each crossing, and at extrema that may show one."""
         if step.avoids(self.section, begin.value):
             yield self._look(step.time, step.state, begin.sizes)
             return
-        cell = (step.time - begin.time) / _CELLS
+        cell, before = (step.time - begin.time) / _CELLS, begin
         times = [begin.time + i * cell for i in range(1, _CELLS)]
-        before = begin
         states = [*step.paths(times), step.state]
         for time, state in zip([*times, step.time], states, strict=True):
-            after = self._look(time, state, before.sizes)
-            if before.turns_before(after):
-                yield self._extremum(step, before, after)
-            yield after
-            before = after
+            for here in self._divided(step, before, time, state):
+                yield here
+                before = here
+
+    def _divided(self, step: Step, before: Look, time: float, state: Array) -> Iterator[Look]:
+        """Yield looks after an earlier one until a time, at which the motion has a state, (d,)."""
+        length = time - before.time
+        middle = before.time + _PART * length
+        inner = self._look(middle, step.path(middle), before.sizes)
+        after = self._look(time, state, inner.sizes)
+        cubic = _cubic(before, after, length)
+        if before.time < middle < time and not self._follows(cubic, inner, length, after.reach):
+            for look in (inner, after):
+                for here in self._divided(step, before, look.time, look.state):
+                    yield here
+                    before = here
+            return
+        looks, (_, first, second, third) = [inner, after], cubic
+        bend = -second / (3.0 * third) if third else 0.0
+        if 0.0 < bend < 1.0 and first * (first + bend * second) < 0.0:
+            # here, between two extrema, the rate has the other sign
+            bend = before.time + bend * length
+            looks.append(self._look(bend, step.path(bend), before.sizes))
+        for here in sorted(looks, key=lambda look: look.time):
+            if before.turns_before(here):
+                yield self._extremum(step, before, here)
+            yield here
+            before = here
+
+    def _follows(self, cubic: _Cubic, look: Look, length: float, reach: float) -> bool:
+        """Whether a look shows the value and the rate of a cubic in a cell of some length."""
+        value, first, second, third = cubic
+        value += _PART * (first + _PART * (second + _PART * third))
+        rate = first + _PART * (2.0 * second + _PART * 3.0 * third)
+        last, own = first + 2.0 * second + 3.0 * third, length * look.rate
+        off, size = max(abs(look.value - value), abs(own - rate)), abs(first) + abs(last) + abs(own)
+        error = max(ON_SECTION, _INTERPOLATED * self.accuracy) * reach
+        return not off > max(_CUBIC * size, error)
 
     def _extremum(self, step: Step, before: Look, after: Look) -> Look:
         from scipy.optimize import brentq

@@ -255,7 +255,7 @@ class IntegratedFlow(Flow):
         how: dict[str, Any] = {"method": self.method, "jacobian": self.velocity_jacobian}
         follow = partial(integrated_steps, self._velocity, self.tolerance, **how)
         # the tolerance is relative to coordinates above one, and absolute below
-        return Search(self._velocity, section, follow, least=1.0).first(start, limit)
+        return Search(self._velocity, section, follow, 1.0, self.tolerance).first(start, limit)
 
     def _integrated(
         self, velocity: Velocity, start: Array, duration: float, tolerance: float

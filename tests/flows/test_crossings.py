@@ -191,6 +191,34 @@ def test_rest_on_the_section_crosses_nothing(sign: float) -> None:
             )
 
 
+# --- on long steps --------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True, kw_only=True)
+class Cubic(IntegratedFlow):
+    """A coordinate, its rate and its acceleration, whose rate is 6: steps have any length."""
+
+    dimension = 3
+
+    def velocity(self, state: Array) -> Array:
+        _, v, a = finite_array("state", state, (3,))
+        return np.array([v, a, 6.0])
+
+
+class SymbolicCubic(SymbolicFlow):
+    def velocity(self, x: sp.Expr, v: sp.Expr, a: sp.Expr) -> tuple[sp.Expr, ...]:
+        return v, a, 0 * x + 6
+
+
+@pytest.mark.parametrize("flow", [Cubic(), SymbolicCubic()], ids=["RK", "Taylor"])
+def test_three_crossings_within_one_step_are_seen(flow: Flow) -> None:
+    # the monic cubic in time with zeros at these crossings
+    whole = np.poly([10.0, 10.1, 10.2])
+    start = np.array([whole[3], whole[2], 2.0 * whole[1]])
+    hit = flow.next_crossing(start, Hyperplane(np.array([1.0, 0.0, 0.0]), 0.0, -1), 100.0)
+    assert hit.time == pytest.approx(10.1, abs=1e-6)
+
+
 # --- at the end -----------------------------------------------------------------------------------
 
 

@@ -185,6 +185,31 @@ def test_errors_of_low_jumps_on_a_moving_table_hold(speed: float) -> None:
         assert abs(table(state)[1] - exact) <= error
 
 
+class Fast(SymbolicHybridFlow):
+    """A ball whose flights last for many periods of the table: height, speed and time."""
+
+    def velocity(self, height: Any, speed: Any, t: Any) -> Any:
+        return speed, -1
+
+    def guard(self, height: Any, speed: Any, t: Any) -> Any:
+        return height - sp.sin(60 * t) / 50
+
+    def reset(self, height: Any, speed: Any, t: Any) -> Any:
+        table = 6 * sp.cos(60 * t) / 5
+        return height, table - (speed - table) * sp.Rational(4, 5), t
+
+
+def test_no_jump_on_a_fast_table_is_missed() -> None:
+    table, state = ResetMap(Fast(), time_limit=100.0), np.array([0.5, 1.0, 0.0])
+    for _ in range(30):
+        lasts = table.return_time(state)
+        times = np.linspace(0.0, lasts, 20_001)[1:-1]
+        gaps = state[0] + state[1] * times - times**2 / 2 - np.sin(60.0 * (state[2] + times)) / 50
+        assert gaps[gaps.argmax() :].min() > -1e-12  # the highest place comes after the begin
+        state = table(state)
+    assert state[2] > 100.0
+
+
 def test_the_neuron_fires_as_in_closed_form() -> None:
     neuron = steps(Fire(current=1.3))
     assert neuron.return_time([0.0]) == pytest.approx(np.log(1.3 / 0.3), rel=1e-15)

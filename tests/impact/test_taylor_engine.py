@@ -26,6 +26,7 @@ from dynkit.systems import (
     ImpactDuffing,
     ImpactPendulum,
     Jenkins,
+    MatrixOscillator,
     PlasticBelow,
     SoftStop,
     TodaChain,
@@ -44,6 +45,7 @@ from dynkit.testing import (
 )
 from dynkit.testing.maps import jacobian_is_the_derivative
 from tests.impact.agreement import omitted_bounces_are_within_the_error
+from tests.impact.disguised import disguised
 from tests.impact.taylor_cases import (
     Bead,
     Disguised,
@@ -522,6 +524,98 @@ def test_friction_breaks_away_where_all_coordinates_are_zero(force: float) -> No
     events = block.simulate(impacts=1, start=block.state([0.0], [0.0])).events
     assert events.time[0] == pytest.approx(math.asin(0.3 / force), abs=1e-15)
     assert len(events) < 8
+
+
+# --- guards that are zero as a flight begins ------------------------------------------------------
+
+
+@pytest.mark.parametrize("place", [0.27, 0.3, 0.33, 0.36, 0.39])
+def test_a_mass_that_returns_soon_after_its_release_hits_its_stop(place: float) -> None:
+    springs = [[1.5, -0.75, 0.0], [-0.75, 1.5, -0.75], [0.0, -0.75, 0.75]]
+    exact = MatrixOscillator(
+        M=np.diag([1.75, 1.5, 1.25]),
+        C=np.zeros((3, 3)),
+        K=springs,
+        frequency=0.9,
+        constant_forces=[-0.75, -0.75, -0.375],
+        elements=[HardStop(1, offset=-0.375, restitution=0.0)],
+    )
+    records = [
+        machine.simulate(impacts=6, start=machine.state([place, -0.375, 0.0], [0.0, 0.0, 0.0]))
+        for machine in (exact, disguised(exact))
+    ]
+    assert records[1].time == pytest.approx(records[0].time, abs=1e-10)
+
+
+@pytest.mark.parametrize("speeds", [(0.5, 0.05), (0.3, 0.01), (0.5, 0.25)])
+def test_a_mass_that_leaves_one_of_two_stops_returns_to_it(speeds: tuple[float, float]) -> None:
+    exact = MatrixOscillator(
+        M=np.diag([1.0, 2.0]),
+        C=np.zeros((2, 2)),
+        K=[[2.0, -1.0], [-1.0, 2.0]],
+        frequency=1.0,
+        constant_forces=[-1.0, -1.0],
+        elements=[HardStop(0, restitution=0.75), HardStop(1, restitution=0.75)],
+    )
+    records = [
+        machine.simulate(impacts=6, start=machine.state([0.0, 0.0], speeds))
+        for machine in (exact, disguised(exact))
+    ]
+    assert (records[1].element == records[0].element).all()
+    assert records[1].time == pytest.approx(records[0].time, abs=1e-13)
+
+
+@pytest.mark.parametrize("speed", [1e-3, 0.3])
+def test_a_mass_leaves_a_stop_where_no_force_acts(speed: float) -> None:
+    # half a period of x'' = -x - x^3 with x'^2 = (a - x^2) (x^2 + b) / 2
+    duffing = ImpactDuffing(frequency=1.0, damping=0.0, amplitude=0.0)
+    (time,) = duffing.simulate(impacts=1, start=duffing.state([0.0], [speed])).time
+    a = math.sqrt(1.0 + 2.0 * speed**2) - 1.0
+    b = a + 2.0
+    exact = 2.0 * math.sqrt(2.0 / (a + b)) * ellipkinc(math.pi / 2, a / (a + b))
+    assert time == pytest.approx(exact, rel=1e-14)
+
+
+@pytest.mark.parametrize("restitution", [0.0, 0.5])
+@pytest.mark.parametrize("turn", [0.5, 1.0])
+def test_a_mass_stays_on_its_stop_where_the_contact_force_is_zero_for_an_instant(
+    restitution: float, turn: float
+) -> None:
+    weight = -0.5 if turn == 0.5 else 0.0
+    machine = disguised(
+        MatrixOscillator(
+            M=[[1.0]],
+            C=[[0.0]],
+            K=[[0.25]],
+            frequency=1.0,
+            harmonic_forces=[0.5],
+            constant_forces=[weight],
+            elements=[HardStop(0, restitution=restitution, name="stop")],
+        )
+    )
+    record = machine.simulate(impacts=3, start=machine.state([0.0], [0.0], turn * math.pi))
+    times = np.linspace(0.01, 3.1, 50)
+    force = -weight - 0.5 * np.sin(turn * math.pi + times)
+    assert record.observable("stop.contact_force", times) == pytest.approx(force, abs=1e-12)
+
+
+@pytest.mark.parametrize("engine", ["exponential sums", "Taylor"])
+@pytest.mark.parametrize("speed", [0.25, 0.3, 0.7])
+def test_impacts_at_one_instant_where_all_masses_are_at_zero_are_ambiguous(
+    speed: float, engine: str
+) -> None:
+    machine: Any = MatrixOscillator(
+        M=np.eye(3),
+        C=np.zeros((3, 3)),
+        K=np.eye(3),
+        frequency=1.0,
+        elements=[HardStop((0, 1), restitution=0.75), HardStop((1, 2), restitution=0.75)],
+    )
+    machine = machine if machine.engine == engine else disguised(machine)
+    start = machine.state([0.0, 0.0, 0.0], [-0.5, 0.0, speed])
+    record = machine.simulate(impacts=2, start=start)
+    assert record.time == pytest.approx([math.pi, math.pi], rel=1e-14)
+    assert record.ambiguous == 0
 
 
 def test_a_motion_that_runs_away_is_named() -> None:

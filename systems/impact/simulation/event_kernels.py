@@ -307,13 +307,20 @@ def lets_go(tables: Tables, g: int) -> int:
 
 
 @kernel()
-def together(tables: Tables, g: int, states: Array, band_factor: float) -> bool:
-    """Whether another stop is also reached, and the impact at guard `g` changes its gap's rate."""
+def together(tables: Tables, g: int, states: Array, band_factor: float, longest: float) -> bool:
+    """Whether another stop is also reached, and the impact at guard `g` changes its gap's rate.
+
+    It is reached at the same time, to rounding of the longest flight so far.
+    """
     m = tables.ladders.integers[g, GROUP]
     for k in range(tables.first[m], tables.first[m + 1]):
         if k == g or tables.event[k] != IMPACT or not tables.coupled[g, tables.element[k]]:
             continue
-        if sign_of(ladder_at(tables.ladders, k), states, FOUND, 0, band_factor) <= 0:
+        gap = ladder_at(tables.ladders, k)
+        value, rate, _ = value_and_rates(gap.rows, gap.offset, states, FOUND)
+        if value <= AT_THE_SAME_TIME * EPSILON * longest * abs(rate):
+            return True
+        if sign_of(gap, states, FOUND, 0, band_factor) <= 0:
             return True
     return False
 

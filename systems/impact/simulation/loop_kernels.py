@@ -57,6 +57,7 @@ from dynkit.systems.impact.simulation.clock_kernels import (
     GUARD,
     IMPACTS,
     LEFT_FROM,
+    LONGEST,
     MOTION,
     ORDER,
     REMAINING,
@@ -408,7 +409,7 @@ def run(
         appeared = False
         if beside is not None:
             ambiguous = tables.ambiguous[best] or (
-                guards > 1 and together(tables, best, y, band_factor)
+                guards > 1 and together(tables, best, y, band_factor, clock[LONGEST])
             )
             if ambiguous and clock[AMBIGUOUS] < 0.0:
                 clock[AMBIGUOUS] = clock[IMPACTS]

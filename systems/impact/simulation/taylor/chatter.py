@@ -70,7 +70,9 @@ def chatter(
     slowed, fall = falling(1.0, -a, drop)
     lasts = slowed * (1.0 - part)
     left, cubes = (part, part) if by_law else (1.0 - lasts, 1.0 - lasts**3)
-    lost = (2.0 / 3.0) * u**3 / (a * fall * cubes)
+    if not (pull := a * fall * cubes):  # accelerations whose squares underflow do not hold
+        return None, 0.0
+    lost = (2.0 / 3.0) * u**3 / pull
     rest = 4.0 * u / (fall * left)
     if lost > _PLACE * allowed > 0.0:
         return None, 0.0

@@ -63,7 +63,7 @@ class Position:
         self._time, self._low, self._longest = 0.0, 0.0, 0.0
         self._steps, self._left, self._latest = 0, start.element, start.element
         self._frequency = oscillator.frequency
-        self._period = TWO_PI / oscillator.frequency
+        self._period, self._remaining = TWO_PI / oscillator.frequency, math.inf
         self._number = 0
 
     def _enter(self, x: Array, v: Array) -> None:
@@ -102,7 +102,7 @@ class Position:
                     self._z[self._half + self._chart.speeds[k]] = 0.0
         for k, motion in enumerate(self._motion[: len(self._oscillator._stops)]):
             if motion != FLIGHT and k in self._chart.places and k not in self._mode.held:
-                self._z[self._chart.places[k]] = self._above(motion)
+                self._z[self._chart.places[k]] = self._above(motion if self._speed[k] else SWITCHED)
                 self._z[self._half + self._chart.speeds[k]] = self._speed[k]
 
     def _afresh(self) -> None:
@@ -126,8 +126,8 @@ class Position:
     def _above(self, motion: int) -> float:
         """Positive value of a zero gap or slip, far larger than changes by rounding errors.
 
-        After a switch it is relative to the coordinates and to their changes over a period, since
-        all coordinates vanish at rest at the origin.
+        After a switch, and where the rate is zero, it is relative to the coordinates and to their
+        changes over a period, since all coordinates vanish at rest at the origin.
         """
         if motion != SWITCHED:
             return ABOVE
@@ -162,6 +162,7 @@ class Position:
 
     def _pass(self, duration: float) -> None:
         """Advance the time, in double-double, and the phase by a duration."""
+        self._remaining -= duration
         self._longest = max(self._longest, duration)
         total = self._time + duration
         back = total - self._time
@@ -223,8 +224,8 @@ class Position:
 
     def _gaps(self) -> dict[int, tuple[float, float]]:
         """Gaps of stops in flight, and their rates; from positions they would have fewer digits."""
-        chart, z = self._chart, self._z
-        flying = (k for k in chart.places if self._motion[k] == FLIGHT)
+        chart, z, held = self._chart, self._z, self._mode.held
+        flying = (k for k in chart.places if self._motion[k] == FLIGHT and k not in held)
         return {
             k: (float(z[chart.places[k]]), float(z[self._half + chart.speeds[k]])) for k in flying
         }
@@ -266,6 +267,10 @@ class Position:
 
     def _falls(self, i: int) -> bool:
         """Whether a guard that is zero to rounding becomes negative, without a sign change."""
+        return self._ahead(i)[0] < 0.0
+
+    def _ahead(self, i: int) -> tuple[float, float]:
+        """Value of a guard that is zero to rounding, soon after, and when; zero if it stays so."""
         coefficients = self._chart.coefficients(self._z, *self._turn)
         for part in _AHEAD:
             time = part * self._period
@@ -275,8 +280,18 @@ class Position:
             state = self._mode.state(*self._chart.motion(z, *turn), *turn)
             value, band = self._mode.watched(i, state)
             if abs(value) > band:
-                return value < 0.0
-        return False
+                return value, time
+        return 0.0, time
+
+    def _passes(self, i: int) -> bool:
+        """Advance over a zero of a guard until it is clearly positive; not if it falls below."""
+        value, time = self._ahead(i)
+        if value >= 0.0:
+            time = min(time, self._remaining)
+            self._z = horner(self._chart.coefficients(self._z, *self._turn), np.array([time]))[0]
+            self._mode.settled(self._chart, self._z)
+            self._pass(time)
+        return value >= 0.0
 
     def _jumped(self, apart: Sequence[int]) -> int | None:
         """A guard that is negative at a start, or just after an event; None if none.
@@ -304,6 +319,8 @@ class Position:
         row, bend = self._mode.scene.rows_at(x)[k], self._mode.scene.bends(x, v)[k]
         size = float(abs(row) @ abs(a) + abs(bend)) + float(abs(given).max(initial=0.0))
         size += float(abs(pushes).max(initial=0.0))
+        drive = self._mode.scene.excitation
+        size += float((abs(drive.harmonic) + abs(drive.constant)).sum())
         if abs(found[2]) > ROUNDING * size:
             return bool(found[2] < 0.0)
         w = self._oscillator.frequency

@@ -44,7 +44,8 @@ _AT_ONCE, _SWITCHES = 1000, 1 << 16
 """Limits that end a run: impacts in no time (for each element), switches without an impact."""
 
 _TOGETHER = 64.0 * 2.0**-52
-"""Events are simultaneous if they are closer than this part of the time since the start."""
+"""Events are simultaneous if they are closer than this part of the time since the start; impacts on
+two stops, of the longest flight so far."""
 
 _PACE = 0.4
 """Length of the steps of a disturbed run, relative to the longest step of Taylor's method."""
@@ -76,6 +77,7 @@ class TaylorCourse(Position):
         self.impacts, self.ending, self.cells = 0, Ending.COUNT_REACHED, 0
         self._chatter_error, self._touches, self._ambiguous, self._at_once = 0.0, 0, -1, 0
         self._bounce, self._marked, self._searched = 0.0, -1.0, 0.0
+        self._touching = False
         self._laws = [stop.restitution for stop in oscillator._stops]
         self._several = len(self._laws) > 1
         self._strobed = oscillator._strobed and not oscillator._cycled
@@ -85,7 +87,6 @@ class TaylorCourse(Position):
         self._slowly = slow if moved else math.inf
         self._since, self._last_switches = 0.0, 0
         self._switches: list[tuple[float, float, float, int, int, Array]] = []
-        self._remaining = self._period
         if self._strobed:
             self._remaining = (TWO_PI - start.phase) / oscillator.frequency
         else:
@@ -142,8 +143,7 @@ class TaylorCourse(Position):
 
     def _next(self) -> int | None:
         """Settle, fly to the next guard, and enter its mode if it is no impact: see `_fly`."""
-        self._settle()
-        number = self._fly() if self.ending is Ending.COUNT_REACHED else None
+        number = self._onward()
         if number is None or number < 0:
             return number
         guard = self._automaton.guards[number]
@@ -152,14 +152,21 @@ class TaylorCourse(Position):
             self._change(number)
         return number
 
+    def _onward(self) -> int | None:
+        """Settle, and fly to the next guard: see `_fly`."""
+        self._settle()
+        return self._fly() if self.ending is Ending.COUNT_REACHED else None
+
     def _fly(self) -> int | None:
         """Fly to the next guard, return its number; -1 at the end of a period; None if none."""
         strobed = self._strobed
+        known = zip(self._motion, self._speed, strict=True)
+        self._touching = any(motion != FLIGHT and not speed for motion, speed in known)
         if (self._several or not self._plain) and (number := self._struck()) is not None:
             return number
         longest = self._remaining if strobed else _PERIODS * self._period
         pace = _PACE if self._noise else math.inf
-        early = [] if self._plain and not self._bounce else self._early(longest)
+        early = self._early(longest)
         chart, (sine, cosine) = self._chart, self._turn
         with chart.lock:
             index, duration, steps = chart.fly(self._z, sine, cosine, longest, pace, early)
@@ -171,9 +178,8 @@ class TaylorCourse(Position):
             self._searched = self._time + (longest if index == -1 else 0.0)
             return None
         self._pass(duration)
-        self._remaining -= duration
         if index >= 0 and not self._plain and self._goes_back(index, duration):
-            return self._fly()
+            return self._onward()
         if duration > 2.0**-52 * self._time:
             self._motion, self._at_once = [FLIGHT] * len(self._motion), 0
         if index == -1:
@@ -189,13 +195,13 @@ class TaylorCourse(Position):
         """Whether the guard of an element that has just switched is zero again by rounding only."""
         k, watch = self._mode.guards[i]
         just = self._motion[k] == SWITCHED and duration < _BRIEF[0] * self._period
-        return just and watch.event == SWITCH and not self._falls(i)
+        return just and watch.event == SWITCH and self._passes(i)
 
     def _early(self, longest: float) -> list[float]:
         """Durations, below the longest, at which the first Taylor steps of a flight end."""
         most = longest if self._plain and self._chart.curves else _BRIEF[1] * self._period
         early = [self._bounce] if 0.0 < self._bounce < min(most, longest) else []
-        if self._plain:
+        if self._plain and not self._touching:
             return early
         return sorted(early + [t for part in _BRIEF if (t := part * self._period) < longest])
 
@@ -207,6 +213,7 @@ class TaylorCourse(Position):
                 value, band = self._mode.watched(i, state)
                 if value <= band and self._rate_of(k) < -band:
                     return int(self._first + i)
+                self._touching = self._touching or value <= band
         return None
 
     def _note(self, number: int, rest: float, speed: float) -> None:
@@ -332,7 +339,8 @@ class TaylorCourse(Position):
         for i, (j, watch) in enumerate(self._mode.guards):
             if j != guard.element and watch.event == IMPACT:
                 value, band = self._mode.watched(i, state)
-                if value <= band and self._automaton.coupled(guard, j, *where):
+                late = _TOGETHER * self._longest * abs(self._rate_of(j))
+                if value <= max(band, late) and self._automaton.coupled(guard, j, *where):
                     return True
         return False
 
@@ -396,6 +404,7 @@ class TaylorCourse(Position):
                 r and m != SWITCHED for r, m in zip(guard.rubbed, self._motion, strict=True)
             )
             rest = 0.0 if loose or self._presses(k) else None
+            self._z[chart.places[k]] = self._above(SWITCHED)
         else:
             series = chart.coefficients(self._z, *self._turn)
             found = series[chart.places[k]]
