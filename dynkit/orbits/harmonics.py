@@ -24,6 +24,8 @@ SHARE = 0.99
 
 # Least number of sampling intervals of a period: fewer determine no harmonic.
 _FEWEST = 4
+# With fewer intervals, samples do not show the bends of a motion whose harmonics fall slowly.
+_BENT = 16
 # Changes by aliasing per second difference of n samples and per jump, times n.
 _OF_BENDS, _OF_JUMPS = (math.pi**2 - 4.0) / TWO_PI**2, math.sqrt(0.25 + 1.0 / math.pi**2)
 # Largest number of intervals for counting harmonics.
@@ -131,6 +133,9 @@ def harmonics_of(values: object, frequency: float) -> Harmonics:
     less where the velocity reverses between two samples. The rounding of the samples, and the
     difference of the last and the first sample, are added.
 
+    Fewer than 16 intervals may miss bends: then the largest distance of a sample from the mean is
+    added. Harmonics above n/2 that the samples do not show at all remain unnoticed.
+
     A jump of x by J, as of velocities at impacts, changes them by at most (1/4 + 1/pi^2)^(1/2) J /
     n. It has two successive second differences of opposite sign: the smaller one of each such pair
     counts as a jump.
@@ -183,10 +188,11 @@ def harmonics_of(values: object, frequency: float) -> Harmonics:
     folded = (_OF_BENDS * abs(bends).sum() + (_OF_JUMPS - 2.0 * _OF_BENDS) * jumps.sum()) / n
     gap = abs(float(samples[-1] - samples[0]))
     rounding = 2.0**-52 * math.log2(2 * n) * float(abs(samples).max())
+    missed = float(abs(moving).max()) if n < _BENT else 0.0
     return Harmonics(
         fundamental,
         coefficients,
-        float(folded) + gap + rounding,
+        float(folded) + missed + gap + rounding,
         Cost(time.perf_counter() - began, {"samples": n + 1}),
     )
 
