@@ -73,11 +73,12 @@ def regime_change(series: Array, *, growths: int = 0) -> RegimeChange | None:
 
     A run becomes periodic where a column recurs to 1e-6 at its end, for at least three periods, a
     hundred values and five times as long as it was constant in a time before that is a fifth as
-    long (and 200 values at least), or recurred in the 200 values before; the change is where the column begins to recur to 1e-2. Columns that recur to
-    1e-6 throughout are left out. Otherwise, in runs of 400 values and more, the means of each
-    column over 64 parts are tested for a change with at least 200 values on each side. The test
-    normalises the difference of the means before and after a part by partial sums on both sides;
-    the remaining correlation of neighbouring parts is accounted for.
+    long (and 200 values at least), or recurred in the 200 values before; the change is where the
+    column begins to recur to 1e-2. Columns that recur to 1e-6 throughout are left out. Otherwise,
+    in runs of 400 values and more, the means of each column over 64 parts are tested for a change
+    with at least 200 values on each side. The test normalises the difference of the means before
+    and after a part by partial sums on both sides; the remaining correlation of neighbouring parts
+    is accounted for.
 
     The probability of a false alarm is at most 0.5 % for all columns together; instead of more than
     50 columns, 50 sums with fixed pseudo-random signs are tested. It is 0.1 % for independent

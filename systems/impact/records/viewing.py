@@ -9,11 +9,15 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from dynkit.core.validation import Array
+from dynkit.systems.impact.records.drawing import shown_until
 from dynkit.systems.impact.records.event_counts import element_names
+from dynkit.viewer.page import Page
+from dynkit.viewer.section import page_of_section
 from dynkit.viewer.series import Series
 
 if TYPE_CHECKING:
     from dynkit.systems.impact.impact_map import ImpactMap
+    from dynkit.systems.impact.records.record import ImpactRecord
 
 PERIODS = 12
 """Periods of the forcing that are shown for a motion that is not periodic."""
@@ -69,6 +73,18 @@ def series_of(
     portrait = _named("x", along), _named("v", along)
     marks = np.searchsorted(times, impacts).tolist()
     return Series(times, columns, tuple(shown), portrait, marks=marks, machine=machine)
+
+
+def page_of_record(record: ImpactRecord, motions: int) -> Page:
+    """Return the page of a record: its impacts, and the motion from its start."""
+    system = record.system
+    end = shown_until(2.0 * math.pi / system.frequency, record._run)
+
+    def series(_: int) -> Series:
+        return series_of(system, record.sample, record.start.phase, end, record.time)
+
+    names = system.observables
+    return page_of_section("Record of a motion", record, names, series, motions)
 
 
 def _named(letter: str, coordinate: int) -> str:
