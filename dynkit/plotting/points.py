@@ -24,6 +24,9 @@ _QUARTER_NAMES = ["0", r"$\pi/2$", r"$\pi$", r"$3\pi/2$", r"$2\pi$"]
 # Points closer than this fraction of the axes' width look like one; fewer than _FEW points are
 # drawn large.
 _SHARP, _FEW = 0.005, 50
+# An axis of values that differ by less than _ALIKE, relative, would show rounding errors only: it
+# extends to the fraction _WIDE of the values on both sides.
+_ALIKE, _WIDE = 1e-9, 0.05
 
 
 def displacement(coordinate: int) -> str:
@@ -74,6 +77,8 @@ def draw_motion(
     """Draw values (k,) against time: stops, (k,) each by name, dashed, and impacts as dots."""
     axes = shown_axes(ax, height=1.8)
     axes.plot(times, values, color=colour(0), linewidth=0.8, label=name)
+    if len(times):
+        _fit(axes, times, values)
     for label, stop in (stops or {}).items():
         axes.plot(times, stop, "--", color=colour(1), linewidth=0.6, label=label)
     if impacts is not None and len(impacts[0]):
@@ -93,12 +98,31 @@ def draw_points(ax: Axes | None, points: Array, names: Sequence[str]) -> Axes:
     axes = shown_axes(ax)
     size = 3.0 if _distinct(points) < _FEW else 1.2
     axes.plot(points[:, 0], points[:, 1], markersize=size, color=ink(), **DOTS)
+    _fit(axes, *points.T)
     for way, name in zip("xy", names, strict=True):
         axes.set(**{f"{way}label": name})
         if name == PHASE:
             axes.set(**{f"{way}lim": (0.0, 2.0 * math.pi), f"{way}ticks": _QUARTERS})
             axes.set(**{f"{way}ticklabels": _QUARTER_NAMES})
     return axes
+
+
+def _fit(axes: Axes, x: Array, y: Array) -> None:
+    """Extend axes along which drawn points, (p,) each, differ by rounding only.
+
+    Where there are no points, the axes say so.
+    """
+    if not len(x):
+        middle: Any = {"horizontalalignment": "center", "verticalalignment": "center"}
+        axes.text(0.5, 0.5, "no states", color=ink(0.4), transform=axes.transAxes, **middle)
+        return
+    ends = []
+    for values in (x, y):
+        size = abs(values).max()
+        wide = _WIDE * size if np.ptp(values) < _ALIKE * size else 0.0
+        ends.append([values[:1] - wide, values[:1] + wide])
+    axes.update_datalim(np.concatenate(ends, axis=1))
+    axes.autoscale_view()
 
 
 def _distinct(points: Array) -> int:
@@ -118,10 +142,8 @@ def draw_diagram(
     axes = shown_axes(ax)
     across, up = dots(values, numbers)
     axes.plot(across, up, markersize=size, rasterized=True, color=ink(), **DOTS)
+    _fit(axes, across, up)
     axes.set(xlabel=names[0], ylabel=names[1])
-    if not len(across):
-        middle: Any = {"horizontalalignment": "center", "verticalalignment": "center"}
-        axes.text(0.5, 0.5, "no states", color=ink(0.4), transform=axes.transAxes, **middle)
     grid = np.unique(values)
     if len(grid) > 1:  # half a step of margin for the dots at the ends
         first, last = 0.5 * (grid[1] - grid[0]), 0.5 * (grid[-1] - grid[-2])

@@ -77,8 +77,8 @@ def series_of(
 
 def page_of_record(record: ImpactRecord, motions: int) -> Page:
     """Return the page of a record: its impacts, and the motion from its start."""
-    system = record.system
-    end = shown_until(2.0 * math.pi / system.frequency, record._run)
+    system, turn = record.system, 2.0 * math.pi / record.system.frequency
+    end = min(PERIODS * turn, shown_until(turn, record._run))
 
     def series(_: int) -> Series:
         return series_of(system, record.sample, record.start.phase, end, record.time)
