@@ -77,8 +77,7 @@ def draw_motion(
     """Draw values (k,) against time: stops, (k,) each by name, dashed, and impacts as dots."""
     axes = shown_axes(ax, height=1.8)
     axes.plot(times, values, color=colour(0), linewidth=0.8, label=name)
-    if len(times):
-        _fit(axes, times, values)
+    without_rounding(axes)
     for label, stop in (stops or {}).items():
         axes.plot(times, stop, "--", color=colour(1), linewidth=0.6, label=label)
     if impacts is not None and len(impacts[0]):
@@ -98,7 +97,9 @@ def draw_points(ax: Axes | None, points: Array, names: Sequence[str]) -> Axes:
     axes = shown_axes(ax)
     size = 3.0 if _distinct(points) < _FEW else 1.2
     axes.plot(points[:, 0], points[:, 1], markersize=size, color=ink(), **DOTS)
-    _fit(axes, *points.T)
+    if not len(points):
+        _say_empty(axes)
+    without_rounding(axes)
     for way, name in zip("xy", names, strict=True):
         axes.set(**{f"{way}label": name})
         if name == PHASE:
@@ -107,22 +108,19 @@ def draw_points(ax: Axes | None, points: Array, names: Sequence[str]) -> Axes:
     return axes
 
 
-def _fit(axes: Axes, x: Array, y: Array) -> None:
-    """Extend axes along which drawn points, (p,) each, differ by rounding only.
+def without_rounding(axes: Axes) -> None:
+    """Extend the axes along which all that is drawn differs by rounding only."""
+    low, high = axes.dataLim.get_points()
+    size = np.maximum(abs(low), abs(high))
+    wide = np.where(high - low < _ALIKE * size, _WIDE * size, 0.0)
+    if np.isfinite(wide).all():
+        axes.update_datalim([low - wide, high + wide])
+        axes.autoscale_view()
 
-    Where there are no points, the axes say so.
-    """
-    if not len(x):
-        middle: Any = {"horizontalalignment": "center", "verticalalignment": "center"}
-        axes.text(0.5, 0.5, "no states", color=ink(0.4), transform=axes.transAxes, **middle)
-        return
-    ends = []
-    for values in (x, y):
-        size = abs(values).max()
-        wide = _WIDE * size if np.ptp(values) < _ALIKE * size else 0.0
-        ends.append([values[:1] - wide, values[:1] + wide])
-    axes.update_datalim(np.concatenate(ends, axis=1))
-    axes.autoscale_view()
+
+def _say_empty(axes: Axes) -> None:
+    middle: Any = {"horizontalalignment": "center", "verticalalignment": "center"}
+    axes.text(0.5, 0.5, "no states", color=ink(0.4), transform=axes.transAxes, **middle)
 
 
 def _distinct(points: Array) -> int:
@@ -142,7 +140,9 @@ def draw_diagram(
     axes = shown_axes(ax)
     across, up = dots(values, numbers)
     axes.plot(across, up, markersize=size, rasterized=True, color=ink(), **DOTS)
-    _fit(axes, across, up)
+    if not len(across):
+        _say_empty(axes)
+    without_rounding(axes)
     axes.set(xlabel=names[0], ylabel=names[1])
     grid = np.unique(values)
     if len(grid) > 1:  # half a step of margin for the dots at the ends
