@@ -13,7 +13,13 @@ from numpy.typing import NDArray
 
 from dynkit.core.cost import Cost
 from dynkit.core.kept import cached_property
-from dynkit.core.validation import Array, finite_array, finite_scalar, positive
+from dynkit.core.validation import (
+    Array,
+    finite_array,
+    finite_scalar,
+    positive,
+    with_squares_in_range,
+)
 from dynkit.data.dataset import Dataset, described
 from dynkit.data.result import Saved
 
@@ -87,8 +93,15 @@ class Harmonics(Saved):
 
     @cached_property
     def power(self) -> Array:
-        """Mean square of each harmonic, (h,)."""
-        return np.asarray(2.0 * abs(self.coefficients) ** 2)
+        """Mean square of each harmonic, (h,).
+
+        Raises
+        ------
+        ValueError
+            When squares of the coefficients overflow or vanish.
+        """
+        sizes = with_squares_in_range("coefficients", np.abs(self.coefficients))
+        return np.asarray(2.0 * sizes**2)
 
     @property
     def variance(self) -> float:

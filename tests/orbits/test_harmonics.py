@@ -259,3 +259,11 @@ def test_bad_frequencies_are_refused(frequency: float) -> None:
 def test_bad_shares_are_refused(share: float) -> None:
     with pytest.raises(ValueError, match=r"share must lie in \(0, 1\)"):
         harmonics_of(np.zeros(9), 1.0).count(share)
+
+
+@pytest.mark.parametrize(("unit", "limit"), [(1e-200, "at least 1e-145"), (1e200, "exceed 1e.145")])
+def test_powers_that_would_vanish_or_overflow_are_refused(unit: float, limit: str) -> None:
+    found = harmonics_of(unit * np.sin(np.linspace(0.0, TWO_PI, 33)), 1.0)
+    assert abs(found.coefficients[0]) == pytest.approx(0.5 * unit)
+    with pytest.raises(ValueError, match=f"coefficients must .*{limit}"):
+        found.power  # noqa: B018
