@@ -17,7 +17,6 @@ from dynkit.viewer.series import Series
 
 if TYPE_CHECKING:
     from dynkit.systems.impact.impact_map import ImpactMap
-    from dynkit.systems.impact.records.record import ImpactRecord
 
 PERIODS = 12
 """Periods of the forcing that are shown for a motion that is not periodic."""
@@ -75,7 +74,7 @@ def series_of(
     return Series(times, columns, tuple(shown), portrait, marks=marks, machine=machine)
 
 
-def page_of_record(record: ImpactRecord, motions: int) -> Page:
+def page_of_record(record: Any, motions: int) -> Page:
     """Return the page of a record: its impacts, and the motion from its start."""
     system, turn = record.system, 2.0 * math.pi / record.system.frequency
     end = min(PERIODS * turn, shown_until(turn, record._run))
