@@ -157,7 +157,9 @@ class LyapunovSpectrum(Saved):
         flow : Flow
         start : (d,) array
         interval : float
-            Duration of an iterate. See `Flow.stretching`.
+            Duration of an iterate; see `Flow.stretching`. Where it is nearly a simple fraction of
+            the period of a periodic motion, such as a half of it to five digits, the iterates are
+            at few phases for a long time, and the errors are too small.
         iterations : int
             Number of intervals in the averages; at least 128.
 

@@ -337,16 +337,22 @@ class POD(Saved):
         return draw_cumulative(self.cumulative, self.change, ax, self.rank(share), share, label)
 
     def plot_modes(
-        self, ax: Sequence[Axes] | None = None, *, count: int = 4, modes: object = None
+        self,
+        ax: Sequence[Axes] | None = None,
+        *,
+        count: int | None = None,
+        modes: object = None,
     ) -> list[Axes]:
         """Draw the first proper orthogonal modes, each with the most similar normal mode.
+
+        Where there are no normal modes, as for samples, they are drawn alone.
 
         Parameters
         ----------
         ax : sequence of Axes, optional
             Axes for each mode; by default those of a new figure.
-        count : int
-            Number of modes.
+        count : int, optional
+            Number of modes; by default four, or all if there are fewer.
         modes : (N, m) array_like, optional
             As for `modal_assurance`.
 
@@ -354,10 +360,11 @@ class POD(Saved):
         -------
         list of Axes
         """
-        number = positive_integer("count", count)
+        number = positive_integer("count", min(4, len(self.mean)) if count is None else count)
         if number > len(self.mean):
             raise ValueError(f"count must not exceed the {len(self.mean)} modes; got {number}")
         if ax is not None and len(ax) != number:
             raise ValueError(f"ax must hold {number} axes; got {len(ax)}")
-        others = self._unit_columns(modes)
-        return draw_modes(self.modes, self.modal_assurance(others), ax, number, others)
+        alone = modes is None and self._normal_modes is None
+        others = None if alone else self._unit_columns(modes)
+        return draw_modes(self.modes, ax, number, others)

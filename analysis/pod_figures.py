@@ -71,25 +71,29 @@ def _mark_share(axes: Axes, share: float) -> None:
 
 @print_style()
 def draw_modes(
-    modes: Array, assurance: Array, ax: Sequence[Axes] | None, count: int, others: Array
+    modes: Array, ax: Sequence[Axes] | None, count: int, others: Array | None
 ) -> list[Axes]:
-    """Draw modes; see `POD.plot_modes`. `assurance` (N, m) is the modal assurance matrix."""
+    """Draw modes (N, N) beside others (N, m), if any, of length one; see `POD.plot_modes`."""
     from matplotlib.ticker import MaxNLocator
 
     axes = _panels(count) if ax is None else list(ax)
     numbers = np.arange(1, len(modes) + 1)
     for k, panel in enumerate(axes):
         mode = modes[:, k]
-        j = int(np.argmax(assurance[k]))
-        other = others[:, j] * (1.0 if mode @ others[:, j] >= 0.0 else -1.0)
         panel.axhline(0.0, color=ink(0.7), linewidth=0.5, zorder=0)
         panel.plot(numbers, mode, "o-", color=ink(), markersize=2.4, label="proper orthogonal")
-        panel.plot(
-            numbers, other, "s--", color=ink(), markersize=2.6, markerfacecolor=ink(1.0),
-            markeredgewidth=0.6, label="normal",
-        )  # fmt: skip
-        panel.set_title(f"mode {k + 1}; normal mode {j + 1}: MAC {assurance[k, j]:.3f}")
-        panel.set(xlabel="mass $j$", ylabel="amplitude")
+        if others is None:
+            panel.set_title(f"mode {k + 1}")
+        else:
+            cosines = mode @ others
+            j = int(np.argmax(abs(cosines)))
+            panel.plot(
+                numbers, others[:, j] * np.copysign(1.0, cosines[j]), "s--", color=ink(),
+                markersize=2.6, markerfacecolor=ink(1.0), markeredgewidth=0.6, label="normal",
+            )  # fmt: skip
+            panel.set_title(f"mode {k + 1}; normal mode {j + 1}: MAC {cosines[j] ** 2:.3f}")
+        of = "coordinate" if others is None else "mass"
+        panel.set(xlabel=f"{of} $j$", ylabel="amplitude")
         panel.xaxis.set_major_locator(MaxNLocator(integer=True))
     axes[0].legend()
     return axes

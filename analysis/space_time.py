@@ -153,6 +153,7 @@ class SpaceTime(Saved):
         )
         axes.set_xlim(self.times[0], self.times[-1], view_margin=0.0)
         axes.set_ylim(1.0, n, view_margin=0.0)
+        axes.yaxis.get_major_locator().set_params(integer=True)
         axes.set(xlabel="time $t$", ylabel="mass $j$", zlabel="displacement $x_j$")
         return axes
 

@@ -344,9 +344,9 @@ class PowerSpectrum(Saved):
     def plot(self, ax: Axes | None = None) -> Axes:
         """Draw the density, logarithmic, against the angular frequency, with the table's harmonics.
 
-        Harmonics are grey lines, the table's frequency is a darker one. Dots are the `lines` of a
-        periodic motion, at the height that a line of this power has in the density. The axis shows
-        at most twelve decades.
+        The density of constant samples is zero, and its axis linear. Harmonics are grey lines, the
+        table's frequency is a darker one. Dots are the `lines` of a periodic motion, at the height
+        that a line of this power has in the density. The axis shows at most twelve decades.
 
         Parameters
         ----------
@@ -366,9 +366,9 @@ class PowerSpectrum(Saved):
             on = lines.frequencies <= self.nyquist
             heights = lines.power[on] / self.resolution
             axes.plot(lines.frequencies[on], heights, markersize=2.2, color=ink(), **DOTS)
-        axes.set_yscale("log")
         highest = float(self.density.max())
         if highest > 0.0:
+            axes.set_yscale("log")
             axes.set_ylim(bottom=max(axes.get_ylim()[0], highest * _FAINTEST))
         axes.set_xlim(0.0, self.nyquist)
         axes.set(xlabel=r"angular frequency $\omega$", ylabel=f"power density of\n{self.name}")

@@ -90,12 +90,7 @@ class WorkPrecision(Saved):
         self.jobs: Mapping[str, tuple[ExactImpacts, ...]] = MappingProxyType(
             {name: _starts(name, given) for name, given in jobs.items()}
         )
-        self.methods = tuple(impact_methods() if methods is None else methods)
-        if not self.methods:
-            raise ValueError("methods must hold at least one; got none")
-        for method in self.methods:
-            if not isinstance(method, ImpactMethod):
-                raise ValueError(f"methods must be ImpactMethods; got {method!r}")
+        self.methods = _checked(methods)
         self._jobs = tuple(
             Job(
                 name,
@@ -156,7 +151,7 @@ class WorkPrecision(Saved):
         >>> finest.method, finest.missed, finest.error < 1e-8, measured.error < 1e-12
         ('DOP853', 0, True, True)
         """
-        chosen = tuple(impact_methods() if methods is None else methods)
+        chosen = _checked(methods)
         coarsest = max((t for each in chosen for t in each.tolerances), default=0.0)
         exact = reference_impacts(system, start, impacts, coarsest)
         return cls({line_of(system, "", ()): exact}, chosen, progress=progress)
@@ -283,3 +278,17 @@ def _starts(name: str, given: ExactImpacts | Sequence[ExactImpacts]) -> tuple[Ex
     if not starts or not all(isinstance(exact, ExactImpacts) for exact in starts):
         raise ValueError(f"jobs[{name!r}] must be one or more ExactImpacts; got {given!r}")
     return starts
+
+
+def _checked(methods: Sequence[ImpactMethod] | None) -> tuple[ImpactMethod, ...]:
+    """Return the methods, by default all; ValueError when one of them is none."""
+    chosen = tuple(impact_methods() if methods is None else methods)
+    if not chosen:
+        raise ValueError("methods must hold at least one; got none")
+    for method in chosen:
+        if not isinstance(method, ImpactMethod):
+            raise ValueError(
+                "methods must be ImpactMethods, as impact_methods(['dynkit', 'RK45']) returns; "
+                f"got {method!r}"
+            )
+    return chosen

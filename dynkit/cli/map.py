@@ -63,7 +63,7 @@ def run(asked: Asked) -> None:
     values = dict(_axis(asked, name) for name in ("x", "y"))
     if len(values) < 2:
         raise ValueError(f"y must be of another parameter than x; got {asked['y']!r}")
-    asked.refuse(values, "when it changes")
+    asked.refuse_changing(values, "when it changes")
     chain = asked.chain(**{name: float(axis[0]) for name, axis in values.items()})
     names = asked.names("observable", chain.observables[:1], chain.observables)
     workers = positive_integer("workers", asked.get("workers", 1))

@@ -136,7 +136,9 @@ OBSERVABLE = Option("observable", "NAME,...", "observables of impacts to keep")
 
 @final
 class Asked(dict[str, Any]):
-    """Values of options, by name."""
+    """Values of options, by name; `typed` are the names on the command line."""
+
+    typed: frozenset[str] = frozenset()
 
     @classmethod
     def of(cls, known: Iterable[Option], file: str | None, given: Mapping[str, object]) -> Asked:
@@ -166,7 +168,9 @@ class Asked(dict[str, Any]):
         checked = {name: by_name[name].checked(x) for name, x in {**options, **direct}.items()}
         if isinstance(checked.get("restitution"), dict):
             checked["restitution"] = _made("restitution", checked["restitution"], LAWS)
-        return cls(checked | elements)
+        asked = cls(checked | elements)
+        asked.typed = frozenset(direct)
+        return asked
 
     def only(self, *names: str) -> dict[str, Any]:
         """Return the values of some options, without those that were not given."""
@@ -182,6 +186,18 @@ class Asked(dict[str, Any]):
         """
         for name, value in self.only(*names).items():
             raise ValueError(f"{name} must not be given {why}; got {value!r}")
+
+    def refuse_changing(self, names: Iterable[str], why: str) -> None:
+        """Raise when a parameter that changes was given on the command line.
+
+        The file of a machine may contain its value, which has no effect then.
+
+        Raises
+        ------
+        ValueError
+            When one of the names was given there.
+        """
+        self.refuse(self.typed.intersection(names), why)
 
     def chain(self, **swept: float) -> ImpactChain:
         """Return the chain; ValueError when the frequency is missing or a value is refused."""

@@ -1,6 +1,7 @@
 """A motion of masses in a chain, the last of which hits a vibrating table.
 
-It prints the label of the motion, and writes its impacts.
+It prints the label of the motion, and writes its impacts. --store keeps the
+motion for `dynkit view` and for dynkit.systems.ImpactAttractor.load.
 
 Options may also be in a TOML file, under the same names; the command line
 overrides the file. Several numbers are separated by commas;
@@ -29,7 +30,7 @@ from __future__ import annotations
 
 from functools import partial
 
-from dynkit.cli.options import OBSERVABLE, SYSTEM, Asked, options_of
+from dynkit.cli.options import OBSERVABLE, SYSTEM, Asked, Option, options_of
 from dynkit.cli.output import OUT, files_of, plotted, print_summary, write
 from dynkit.core.reprs import span
 from dynkit.data.dataset import Dataset
@@ -38,7 +39,8 @@ from dynkit.systems.impact.oscillators.oscillator import ImpactOscillator
 _SCALARS = ("time", "phase", "relative_velocity", "energy")
 
 RUN = options_of(ImpactOscillator.attractor, "transient", "impacts")
-OPTIONS = (*SYSTEM, *RUN, OBSERVABLE, OUT)
+STORE = Option("store", "FILE.h5", "file for the motion; dynkit view shows it")
+OPTIONS = (*SYSTEM, *RUN, OBSERVABLE, STORE, OUT)
 
 
 def run(asked: Asked) -> None:
@@ -50,10 +52,12 @@ def run(asked: Asked) -> None:
         When an option is refused; no file has been written then.
     """
     names = asked.names("observable", _SCALARS, (*_SCALARS, "position", "velocity"))
-    _, file = files_of(asked)
+    store, file = files_of(asked)
     chain = asked.chain()
     found = chain.attractor(start=asked.start(chain), **asked.only("transient", "impacts"))
     record = found.record
+    if store:
+        found.save(store)
     if file:
         data = record.dataset()
         kept = {
@@ -75,4 +79,4 @@ def run(asked: Asked) -> None:
         "error": f"{found.error:.1e} (estimate of the largest in a state kept)",
         "seconds": f"{found.cost.seconds:.3f}",
     }
-    print_summary(shown, file)
+    print_summary(shown, store, file)

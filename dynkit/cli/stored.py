@@ -19,7 +19,9 @@ from dynkit.data.atomic_files import place
 from dynkit.dynamics.equilibrium import equilibrium
 from dynkit.dynamics.flow import Flow
 from dynkit.dynamics.map import Map
+from dynkit.dynamics.map_attractor import MapAttractor
 from dynkit.orbits.equations import ProblemSolution
+from dynkit.orbits.map_orbit import MapOrbit
 from dynkit.orbits.newton import NoConvergence
 from dynkit.orbits.periodic_orbit import periodic_orbit
 from dynkit.sweeps.basins.result import Basins
@@ -28,16 +30,24 @@ from dynkit.sweeps.planes.plan import KIND as PLANE
 from dynkit.sweeps.planes.result import ParameterMap
 from dynkit.sweeps.sweeping import Sweep
 from dynkit.systems.impact.impact_map import ImpactMap
+from dynkit.systems.impact.orbits.orbit import ImpactOrbit
+from dynkit.systems.impact.oscillators.attractor import ImpactAttractor
+from dynkit.systems.impact.records.record import ImpactRecord
 from dynkit.systems.impact.simulation.driven_structure import OF_TABLE
 
 _KINDS: Mapping[str, Any] = {SWEEP: Sweep, PLANE: ParameterMap}
 _SAVED: Mapping[str, Any] = {
     kind.__name__: kind for kind in (Branch, BifurcationCurve, Network, Basins)
 }
+_MOTIONS: Mapping[str, Any] = {
+    kind.__name__: kind
+    for kind in (ImpactRecord, ImpactAttractor, ImpactOrbit, MapAttractor, MapOrbit)
+}
 _LARGEST = 1 << 31
 _MADE: Mapping[str, Callable[..., Any]] = {**ELEMENTS, **LAWS}
-_CLOSING = re.compile(r"""('[^']*'|"[^"]*")|(?<=[^(,\s])\)""")
-"""Pattern of quoted texts, and of closing brackets that follow neither "(" nor a comma."""
+_CLOSING = re.compile(r"""('[^']*'|"[^"]*"|\([^(),'"]+(?<!e)[-+][^(),'"]+j\))|(?<=[^(,\s])\)""")
+"""Pattern of quoted texts and complex numbers, and of closing brackets that follow neither "(" nor
+a comma."""
 
 
 def loaded(path: str) -> Any:
@@ -54,12 +64,21 @@ def loaded(path: str) -> Any:
         raise ValueError(f"results must be at most 2 GB; got {size:.1f} GB in {file}")
     archive = store.read(file)
     kind = archive.entries.get("kind", "")
-    if kind not in _KINDS and kind not in _SAVED:
+    if not any(kind in known for known in (_KINDS, _SAVED, _MOTIONS)):
         raise ValueError(
             "results must be a store of a sweep, a map of two parameters, a branch, a curve of "
-            f"bifurcations, a network or basins; got {kind or 'no kind'} in {file}"
+            "bifurcations, a network, basins, an attractor, a record or an orbit; "
+            f"got {kind or 'no kind'} in {file}"
         )
     system = _system(file, archive)
+    if kind in _MOTIONS:
+        if system is None:
+            name = archive.entries.get("system", "no system")
+            raise ValueError(
+                f"results must be a motion of a system of dynkit.systems; got one of {name}: in "
+                f"Python, load it with its system by {kind}.load, and call its method view"
+            )
+        return _MOTIONS[kind].load(file, system)
     if kind in _KINDS:
         return _KINDS[kind].load(file, system)
     if kind == "Basins":
@@ -136,6 +155,8 @@ def _again(value: Any) -> Any:
 def value_of(text: str) -> Any:
     """Return the value of a text: a number, a text, a tuple, or an element with its arguments.
 
+    A number may be complex.
+
     Raises
     ------
     ValueError
@@ -145,6 +166,8 @@ def value_of(text: str) -> Any:
     --------
     >>> value_of("(1.5, 'above', (inf,))"), value_of("HardStop(2, offset=0.5)").offset
     ((1.5, 'above', (inf,)), 0.5)
+    >>> value_of("((0.5-2j), 1j)"), value_of("((1+0j))"), value_of("(-1e-05j)")
+    (((0.5-2j), 1j), ((1+0j),), (-1e-05j,))
     """
     closed = _CLOSING.sub(lambda found: found[1] or ",)", text)  # "(1.0)" means a tuple
     try:
@@ -155,12 +178,14 @@ def value_of(text: str) -> Any:
 
 def _read(node: ast.expr) -> Any:
     match node:
-        case ast.Constant(bool() | int() | float() | str() | None as value):
+        case ast.Constant(bool() | int() | float() | complex() | str() | None as value):
             return value
         case ast.Name("inf" | "nan" as name):
             return float(name)
         case ast.UnaryOp(ast.USub(), operand):
             return -_read(operand)
+        case ast.BinOp(left, ast.Add() | ast.Sub() as sign, ast.Constant(complex(imag=part))):
+            return complex(_read(left), part if isinstance(sign, ast.Add) else -part)
         case ast.Tuple(parts):
             return tuple(map(_read, parts))
         case ast.Call(ast.Name(kind), parts, named) if kind in _MADE:

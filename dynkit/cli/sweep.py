@@ -65,7 +65,7 @@ def run(asked: Asked) -> None:
     """
     values = values_of(asked)
     parameter = asked.parameter(asked.get("parameter", "frequency"))
-    asked.refuse([parameter], "when it is swept")
+    asked.refuse_changing([parameter], "when it is swept")
     chain = asked.chain(**{parameter: float(values[0])})
     names = asked.names("observable", chain.observables[:1], chain.observables)
     _, file = files_of(asked)

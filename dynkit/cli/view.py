@@ -1,13 +1,13 @@
 """A page for the browser: the diagram of a result, and the motions of its points.
 
 RESULTS.h5 is a store of a sweep, a map of two parameters, a branch, a curve of
-bifurcations, a network or basins, as --store and save() write it. The page is
-one file that needs no network. A click on a point, or the arrow keys, show its
-time series, phase portrait and animation. The motions are computed when the
-page is made, where the store describes its system: one of dynkit.systems with
-numbers and elements as arguments. For other systems the page has the diagram
-alone; in Python, the method view() of a result that was loaded with its system
-makes all of it.
+bifurcations, a network, basins, an attractor, a record or an orbit, as --store
+and save() write it. The page is one file that needs no network. A click on a
+point, or the arrow keys, show its time series, phase portrait and animation.
+The motions are computed when the page is made, where the store describes its
+system: one of dynkit.systems with numbers and elements as arguments. For other
+systems the page has the diagram alone; in Python, the method view() of a
+result that was loaded with its system makes all of it.
 
 For instance:
   dynkit sweep --from 0.70 --to 0.76 --step 0.002 --store sweep.h5

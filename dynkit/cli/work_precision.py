@@ -10,6 +10,7 @@ file.
 For instance:
   dynkit work-precision --masses 2 --frequency 0.87 --impacts 10 --out error-time.png
   dynkit work-precision --config mine.toml --out error-time.pdf
+  dynkit work-precision --config mine.toml --out error-time.csv
 
 mine.toml may hold:
   masses = 3
@@ -20,18 +21,19 @@ mine.toml may hold:
 
 from __future__ import annotations
 
+from functools import partial
+
 from dynkit.analysis.work_precision.measuring import WorkPrecision
 from dynkit.analysis.work_precision.standard_methods import NAMES, impact_methods
 from dynkit.analysis.work_precision.tables import cells
 from dynkit.cli.options import SYSTEM, Asked, Option, options_of
-from dynkit.cli.output import aligned, files_of, plotted, print_summary
-from dynkit.plotting.figures import PICTURES, write_figure
+from dynkit.cli.output import OUT, aligned, files_of, plotted, print_summary, write
 
 OPTIONS = (
     *SYSTEM,
     *options_of(WorkPrecision.of, "impacts", "progress"),
     Option("methods", "NAME,...", f"methods among {', '.join(NAMES)} (all)"),
-    Option("out", "FILE", f"picture to write: {', '.join(PICTURES)}"),
+    OUT,
 )
 _COLUMNS = ("method", "tolerance", "error", "seconds", "work", "remark")
 
@@ -45,13 +47,13 @@ def run(asked: Asked) -> None:
         When an option is refused; no file has been written then.
     """
     methods = impact_methods(asked.names("methods", NAMES, NAMES))
-    _, file = files_of(asked, PICTURES)
+    _, file = files_of(asked)
     chain = asked.chain()
     options = {"start": asked.start(chain), **asked.only("impacts", "progress")}
     measured = WorkPrecision.of(chain, methods=methods, **options)
     rows = [cells(one) for one in measured]
     if file:
-        write_figure("out", file, plotted(measured, height=3.2))
+        write(file, partial(plotted, measured, height=3.2), measured.dataset())
     shown = {
         "system": next(iter(measured.jobs)),
         "error of the reference": f"{measured.error:.1e} (smaller errors mean nothing)",

@@ -74,6 +74,11 @@ class Family(Extensible, Shown):
             When there is no parameter of this name.
         """
         values = self.parameters
+        if not values:
+            raise ValueError(
+                f"parameter must be a field of {type(self).__name__}, such as `rate: float = 1.0` "
+                f"in the class, and there is none; got {name!r}"
+            )
         return values[one_of("parameter", name, values)]
 
     def replace(self, **parameters: float) -> Self:

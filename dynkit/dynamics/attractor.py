@@ -30,7 +30,10 @@ from dynkit.data.result import Result, SavedWithSystem
 from dynkit.dynamics.section import PoincareSection
 from dynkit.labels.label import OrbitKind, OrbitLabel
 from dynkit.labels.labelling import Window, label_orbit, settled_label, with_multiplier
+from dynkit.viewer.page import Page
+from dynkit.viewer.section import page_of_section
 from dynkit.viewer.series import Series, series_of_states
+from dynkit.viewer.viewing import Viewed
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -56,7 +59,7 @@ class _Ending(Enum):
     COUNT_REACHED = "the number of states was reached"
 
 
-class Attractor(Extensible, Result, ABC):
+class Attractor(Viewed, Extensible, Result, ABC):
     """The states of a motion after its transient.
 
     A subclass must implement:
@@ -183,6 +186,11 @@ class Attractor(Extensible, Result, ABC):
         if n is None or n > len(self.states):
             return series_of_states(self.system, self.states)
         return series_of_states(self.system, self.states[-n:], periodic=True)
+
+    def _page(self, motions: int) -> Page:
+        title = f"Attractor, {self.label}"
+        names = self.system.observables
+        return page_of_section(title, self, names, lambda _: self._series(), motions)
 
     @property
     def _kept(self) -> int:

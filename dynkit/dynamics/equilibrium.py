@@ -32,6 +32,9 @@ _SMALL, _SHOWN = 1e-5, 33
 # Smallest amplitude of an oscillation, relative to the size of the state: below it rounding
 # dominates the return map.
 _LEAST = 1e-4
+# Units of the equations at a far guess hide residuals. Where a unit at the solution is less than
+# _COARSE times that at the guess, the solution is the next guess, at most _REPEATS times.
+_COARSE, _REPEATS = 0.1, 20
 
 
 @final
@@ -271,9 +274,16 @@ def equilibrium(flow: Flow, guess: Any) -> Equilibrium:
     """
     of_type("flow", flow, Flow, "a Flow")
     start = finite_array("guess", guess, (flow.dimension,))
-    found = find_solution(_near(flow, start), start)
-    near = _near(flow, found.unknowns)
-    return near.made(found.unknowns, found.history, found.cost)
+    near, cost = _near(flow, start), Cost(0.0)
+    history: tuple[float, ...] = ()
+    for _ in range(_REPEATS):
+        found, units = find_solution(near, start), near._units
+        start, cost = found.unknowns, cost + found.cost
+        history += found.history[min(len(history), 1) :]
+        near = _near(flow, start)
+        if (near._units >= _COARSE * units).all():
+            break
+    return near.made(start, history, cost)
 
 
 def shrinks(orbit: ProblemSolution) -> bool:

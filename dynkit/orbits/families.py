@@ -278,12 +278,26 @@ def find_solution(problem: FamilyProblem, guess: Any) -> FamilySolution:
     of_type("problem", problem, FamilyProblem, "a FamilyProblem")
     began = time.perf_counter()
     fixed = problem.free()
-    x, history = solve(
-        fixed, finite_array("guess", guess, (fixed.size,)), _NONE, what=f"no {fixed.label}"
-    )
+    start = finite_array("guess", guess, (fixed.size,))
+    _require_equations(fixed, start)
+    x, history = solve(fixed, start, _NONE, what=f"no {fixed.label}")
     # set unknowns below their error to zero: otherwise rounding errors would become scales
     cleared = np.where(abs(x) <= orbit_bound(fixed, x, _NONE), 0.0, x)
     if abs(fixed.residual(cleared, _NONE)).max() <= history[-1]:
         x = cleared
     cost = Cost(time.perf_counter() - began, {"newton steps": len(history) - 1})
     return fixed.made(x, history, cost)
+
+
+def _require_equations(problem: FamilyProblem, x: Array) -> None:
+    """Raise ValueError where a method of a problem does not return an array of its shape."""
+    m = problem.size
+    try:
+        for name, shape in (("scale", (m,)), ("residual", (m,)), ("linearization", (m, m))):
+            found = getattr(problem, name)(x, *([] if name == "scale" else [_NONE]))
+            real = isinstance(found, np.ndarray) and found.dtype.kind in "iuf"
+            if not real or found.shape != shape:
+                got = f"{found.dtype} {found.shape}" if hasattr(found, "dtype") else repr(found)
+                raise ValueError(f"{name} must return an array {shape} of floats; got {got}")
+    except NoSolution:  # the solution says why
+        pass

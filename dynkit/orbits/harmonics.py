@@ -13,7 +13,13 @@ from numpy.typing import NDArray
 
 from dynkit.core.cost import Cost
 from dynkit.core.kept import cached_property
-from dynkit.core.validation import Array, finite_array, finite_scalar, positive
+from dynkit.core.validation import (
+    Array,
+    finite_array,
+    finite_scalar,
+    positive,
+    with_squares_in_range,
+)
 from dynkit.data.dataset import Dataset, described
 from dynkit.data.result import Saved
 
@@ -24,6 +30,8 @@ SHARE = 0.99
 
 # Least number of sampling intervals of a period: fewer determine no harmonic.
 _FEWEST = 4
+# With fewer intervals, samples do not show the bends of a motion whose harmonics fall slowly.
+_BENT = 16
 # Changes by aliasing per second difference of n samples and per jump, times n.
 _OF_BENDS, _OF_JUMPS = (math.pi**2 - 4.0) / TWO_PI**2, math.sqrt(0.25 + 1.0 / math.pi**2)
 # Largest number of intervals for counting harmonics.
@@ -85,8 +93,15 @@ class Harmonics(Saved):
 
     @cached_property
     def power(self) -> Array:
-        """Mean square of each harmonic, (h,)."""
-        return np.asarray(2.0 * abs(self.coefficients) ** 2)
+        """Mean square of each harmonic, (h,).
+
+        Raises
+        ------
+        ValueError
+            When squares of the coefficients overflow or vanish.
+        """
+        sizes = with_squares_in_range("coefficients", np.abs(self.coefficients))
+        return np.asarray(2.0 * sizes**2)
 
     @property
     def variance(self) -> float:
@@ -130,6 +145,9 @@ def harmonics_of(values: object, frequency: float) -> Harmonics:
     is the error estimate, with V from the samples: the sum of their second differences is V, or
     less where the velocity reverses between two samples. The rounding of the samples, and the
     difference of the last and the first sample, are added.
+
+    Fewer than 16 intervals may miss bends: then the largest distance of a sample from the mean is
+    added. Harmonics above n/2 that the samples do not show at all remain unnoticed.
 
     A jump of x by J, as of velocities at impacts, changes them by at most (1/4 + 1/pi^2)^(1/2) J /
     n. It has two successive second differences of opposite sign: the smaller one of each such pair
@@ -183,10 +201,11 @@ def harmonics_of(values: object, frequency: float) -> Harmonics:
     folded = (_OF_BENDS * abs(bends).sum() + (_OF_JUMPS - 2.0 * _OF_BENDS) * jumps.sum()) / n
     gap = abs(float(samples[-1] - samples[0]))
     rounding = 2.0**-52 * math.log2(2 * n) * float(abs(samples).max())
+    missed = float(abs(moving).max()) if n < _BENT else 0.0
     return Harmonics(
         fundamental,
         coefficients,
-        float(folded) + gap + rounding,
+        float(folded) + missed + gap + rounding,
         Cost(time.perf_counter() - began, {"samples": n + 1}),
     )
 

@@ -23,6 +23,8 @@ _SAME = 1e-7
 # States of different orbits far from the origin may also differ by less than _SAME. Equal orbits
 # differ by at most this many times the sum of their errors, different ones by more.
 _APART = 10.0
+# An orbit is solved for again, in its own units, where it is smaller than this times the guess.
+_COARSE = 0.1
 _NONE = np.empty(0)
 _FAMILY = "no isolated periodic orbit found from the guess: it is one of a family, "
 
@@ -108,13 +110,18 @@ def _is_one_state(guess: Any) -> bool:
 
 
 def _solved(system: SmoothMap, states: Array) -> tuple[Array, tuple[float, ...]]:
-    problem = MapProblem(system, states)
-    try:
-        x, history = solve(problem, states.ravel(), _NONE)
-    except NoConvergence as failure:
-        raise NoConvergence(
-            f"{failure}; for period {len(states)} from {states[0].tolist()} of {system!r}"
-        ) from failure
+    x, guessed = states.ravel(), np.inf
+    history: tuple[float, ...] = ()
+    # the units of a far guess are too coarse for the orbit that is found from it
+    while abs(x).max() < _COARSE * guessed:
+        problem, guessed = MapProblem(system, x.reshape(states.shape)), abs(x).max()
+        try:
+            x, residuals = solve(problem, x, _NONE)
+        except NoConvergence as failure:
+            raise NoConvergence(
+                f"{failure}; for period {len(states)} from {states[0].tolist()} of {system!r}"
+            ) from failure
+        history += residuals[min(len(history), 1) :]
     # set coordinates below rounding to zero: otherwise rounding errors would become scales
     cleared = np.where(abs(x) < 2.0**-52 * problem.scale(x), 0.0, x)
     if abs(problem.residual(cleared, _NONE)).max() <= history[-1]:

@@ -19,7 +19,10 @@ from dynkit.orbits.multiplier_errors import multiplier_errors
 from dynkit.orbits.newton import NoSolution
 from dynkit.orbits.solving import orbit_bound
 from dynkit.orbits.spectrum import Spectrum
+from dynkit.viewer.page import Page
+from dynkit.viewer.section import page_of_section
 from dynkit.viewer.series import Series, series_of_states
+from dynkit.viewer.viewing import Viewed
 
 
 class PeriodicProblem(Problem):
@@ -104,7 +107,7 @@ class PeriodicProblem(Problem):
         """
 
 
-class PeriodicOrbit(ProblemSolution):
+class PeriodicOrbit(Viewed, ProblemSolution):
     """A periodic orbit, stable or unstable, found by Newton's method.
 
     A subclass must implement the abstract properties and methods. Instances are immutable.
@@ -208,6 +211,13 @@ class PeriodicOrbit(ProblemSolution):
 
     def _series(self) -> Series:
         return series_of_states(self.system, self.states, periodic=True)
+
+    def _page(self, motions: int) -> Page:
+        look = "stable" if self.stable else "unstable"
+        look, title = look if self.admissible else "inadmissible", self._caption()
+        return page_of_section(
+            title, self, self.observables, lambda _: self._series(), motions, look
+        )
 
     @property
     def observables(self) -> Sequence[str]:

@@ -24,6 +24,9 @@ _QUARTER_NAMES = ["0", r"$\pi/2$", r"$\pi$", r"$3\pi/2$", r"$2\pi$"]
 # Points closer than this fraction of the axes' width look like one; fewer than _FEW points are
 # drawn large.
 _SHARP, _FEW = 0.005, 50
+# An axis of values that differ by less than _ALIKE, relative, would show rounding errors only: it
+# extends to the fraction _WIDE of the values on both sides.
+_ALIKE, _WIDE = 1e-9, 0.05
 
 
 def displacement(coordinate: int) -> str:
@@ -74,6 +77,7 @@ def draw_motion(
     """Draw values (k,) against time: stops, (k,) each by name, dashed, and impacts as dots."""
     axes = shown_axes(ax, height=1.8)
     axes.plot(times, values, color=colour(0), linewidth=0.8, label=name)
+    without_rounding(axes)
     for label, stop in (stops or {}).items():
         axes.plot(times, stop, "--", color=colour(1), linewidth=0.6, label=label)
     if impacts is not None and len(impacts[0]):
@@ -93,12 +97,30 @@ def draw_points(ax: Axes | None, points: Array, names: Sequence[str]) -> Axes:
     axes = shown_axes(ax)
     size = 3.0 if _distinct(points) < _FEW else 1.2
     axes.plot(points[:, 0], points[:, 1], markersize=size, color=ink(), **DOTS)
+    if not len(points):
+        _say_empty(axes)
+    without_rounding(axes)
     for way, name in zip("xy", names, strict=True):
         axes.set(**{f"{way}label": name})
         if name == PHASE:
             axes.set(**{f"{way}lim": (0.0, 2.0 * math.pi), f"{way}ticks": _QUARTERS})
             axes.set(**{f"{way}ticklabels": _QUARTER_NAMES})
     return axes
+
+
+def without_rounding(axes: Axes) -> None:
+    """Extend the axes along which all that is drawn differs by rounding only."""
+    low, high = axes.dataLim.get_points()
+    size = np.maximum(abs(low), abs(high))
+    wide = np.where(high - low < _ALIKE * size, _WIDE * size, 0.0)
+    if np.isfinite(wide).all():
+        axes.update_datalim([low - wide, high + wide])
+        axes.autoscale_view()
+
+
+def _say_empty(axes: Axes) -> None:
+    middle: Any = {"horizontalalignment": "center", "verticalalignment": "center"}
+    axes.text(0.5, 0.5, "no states", color=ink(0.4), transform=axes.transAxes, **middle)
 
 
 def _distinct(points: Array) -> int:
@@ -118,10 +140,10 @@ def draw_diagram(
     axes = shown_axes(ax)
     across, up = dots(values, numbers)
     axes.plot(across, up, markersize=size, rasterized=True, color=ink(), **DOTS)
-    axes.set(xlabel=names[0], ylabel=names[1])
     if not len(across):
-        middle: Any = {"horizontalalignment": "center", "verticalalignment": "center"}
-        axes.text(0.5, 0.5, "no states", color=ink(0.4), transform=axes.transAxes, **middle)
+        _say_empty(axes)
+    without_rounding(axes)
+    axes.set(xlabel=names[0], ylabel=names[1])
     grid = np.unique(values)
     if len(grid) > 1:  # half a step of margin for the dots at the ends
         first, last = 0.5 * (grid[1] - grid[0]), 0.5 * (grid[-1] - grid[-2])

@@ -112,7 +112,7 @@ flow_checks: tuple[FlowCheck, ...] = (
 
 def check_flow(flow: Flow, states: Array) -> None:
     """Run all `flow_checks` on a flow, at states (k, d)."""
-    given = finite_array("states", states, (None, None))
+    given = finite_array("states", states, (None, flow.dimension))
     for check in flow_checks:
         check(flow, given)
 

@@ -155,7 +155,7 @@ map_checks: tuple[MapCheck, ...] = (
 
 def check_map(system: Map, states: Array) -> None:
     """Run all `map_checks` on a map, at states (k, d)."""
-    given = finite_array("states", states, (None, None))
+    given = finite_array("states", states, (None, system.dimension))
     for check in map_checks:
         check(system, given)
 

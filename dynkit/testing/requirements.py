@@ -68,7 +68,8 @@ def require_refusal(name: str, function: VectorFunction, good: Array) -> None:
     for wrong in (np.nan, np.inf):
         bad = good.copy()
         bad[-1] = wrong
-        require(_refused(function, bad), f"{name} refuses {wrong} with ValueError", "it did not")
+        refused = f"{name} refuses {wrong} with ValueError"
+        require(_refused(function, bad), refused, "dynkit.core.validation.finite_array does so")
     longer = np.append(good, 0.0)
     require(_refused(function, longer), f"{name} refuses a wrong shape with ValueError", "no")
 

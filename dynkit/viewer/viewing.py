@@ -49,7 +49,9 @@ def view(
 
     Parameters
     ----------
-    *results : Sweep, ParameterMap, Basins, Branch, BifurcationCurve or Network
+    *results : Sweep, ParameterMap, Basins, Branch, BifurcationCurve, Network, or one motion
+        A motion is an attractor, a record or a periodic orbit. Its diagram shows the states on the
+        section.
         Several results with the same axes are drawn in one diagram, the last one above.
     out : path, optional
         File for the page; by default a temporary one.
@@ -87,7 +89,7 @@ def view(
     given: tuple[object, ...] = results
     for result in given:
         if not isinstance(result, Viewed):
-            kinds = "sweeps, parameter maps, basins, branches, curves or networks"
+            kinds = "sweeps, parameter maps, basins, branches, curves, networks or motions"
             raise ValueError(f"results must be {kinds}; got {result!r}")
     if shown or out is not None:
         refuse_without_plotly()

@@ -430,6 +430,17 @@ def test_modes_are_drawn_beside_the_nearest_normal_ones() -> None:
         assert (own @ other) ** 2 == pytest.approx(pod.modal_assurance()[k].max(), rel=1e-12)
 
 
+def test_few_modes_and_modes_of_samples_are_drawn() -> None:
+    from matplotlib import pyplot as plt
+
+    of_machine = POD(ImpactChain(masses=2, frequency=0.87).attractor()).plot_modes()
+    assert [len(panel.lines) for panel in of_machine] == [3, 3]
+    of_samples = POD(np.eye(3) * [3.0, 2.0, 1.0]).plot_modes()
+    assert [len(panel.lines) for panel in of_samples] == [2, 2, 2]
+    assert [panel.get_title() for panel in of_samples] == ["mode 1", "mode 2", "mode 3"]
+    plt.close("all")
+
+
 @pytest.mark.parametrize("count", [1, 3])
 def test_modes_get_a_figure_of_their_own(count: Literal[1, 3]) -> None:
     from matplotlib import pyplot as plt

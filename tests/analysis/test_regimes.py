@@ -199,6 +199,16 @@ def test_a_burst_between_periodic_motions_hides_no_change() -> None:
     assert abs(change.at - 650) <= 4
 
 
+@pytest.mark.parametrize("lasting", [500, 1000, 3000, 6000])
+def test_a_burst_between_rests_hides_no_change(lasting: int) -> None:
+    column = np.full(2000 + lasting, 0.3)
+    column[1000:2000] = noise(1000, 1)[:, 0]
+    change = regime_change(column[:, None])
+    assert change is not None
+    assert change.periodic
+    assert change.at == 2000
+
+
 class Compared(np.ndarray):
     """Numbers that count how many of them are subtracted."""
 

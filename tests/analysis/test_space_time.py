@@ -119,3 +119,11 @@ def test_surface_of_many_samples_has_few_lines() -> None:
     (surface,) = axes.collections
     axes.get_figure().draw_without_rendering()
     assert len(surface.get_paths()) <= 2 * 100
+
+
+def test_masses_are_whole_numbers() -> None:
+    axes: Any = Figure().add_subplot(projection="3d")
+    times = np.linspace(0.0, 1.0, 20)
+    SpaceTime(np.sin(times[:, None] * [1.0, 2.0, 3.0]), times).plot(axes)
+    ticks = axes.get_yticks()
+    assert (ticks == np.rint(ticks)).all()

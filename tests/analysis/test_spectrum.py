@@ -329,3 +329,8 @@ def test_lines_stand_on_the_peaks_of_the_density() -> None:
     at, heights = np.asarray(dots.get_xydata()).T
     peaks = np.interp(at, spectrum.frequencies, spectrum.density)
     assert heights[:10] == pytest.approx(peaks[:10], rel=2e-2)
+
+
+def test_a_spectrum_of_constant_samples_is_drawn() -> None:
+    axes = PowerSpectrum(np.ones(100), 1.0).plot(new_figure()[1][0])
+    assert axes.get_yscale() == "linear"

@@ -311,6 +311,7 @@ def test_the_error_of_the_reference_is_a_band() -> None:
         ("a clock", {}, "system must be an ImpactOscillator; got 'a clock'"),
         (ImpactChain(masses=2, frequency=0.87), {"impacts": 0}, "impacts must be a positive"),
         (ImpactChain(masses=2, frequency=0.87), {"methods": []}, "methods must hold at least one"),
+        (ImpactChain(masses=2, frequency=0.87), {"methods": ["RK45"]}, "methods must be Impact"),
         (
             ImpactChain(masses=1, frequency=0.87, amplitude=0.0, offset=-9.0),
             {},
@@ -416,7 +417,7 @@ def test_bad_exact_impacts_are_refused(changed: dict[str, Any], message: str) ->
         ({"clock": []}, None, r"jobs\['clock'\] must be one or more ExactImpacts; got \[\]"),
         ({"clock": [1.0]}, None, r"jobs\['clock'\] must be one or more ExactImpacts; got \[1.0\]"),
         ({"clock": three()}, [], "methods must hold at least one; got none"),
-        ({"clock": three()}, ["RK45"], "methods must be ImpactMethods; got 'RK45'"),
+        ({"clock": three()}, ["RK45"], r"methods must be ImpactMethods, as .* returns; got 'RK45'"),
     ],
 )
 def test_bad_jobs_and_methods_are_refused(jobs: Any, methods: Any, message: str) -> None:

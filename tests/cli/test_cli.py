@@ -324,7 +324,10 @@ def test_error_against_run_time_of_a_file(folder: Path, capsys: pytest.CaptureFi
         'masses = 2\nfrequency = 0.87\nimpacts = 3\nmethods = ["dynkit", "DOP853"]\n'
         "progress = false\n"
     )
-    assert main(["work-precision", "--config", "mine.toml"]) == 0
+    assert main(["work-precision", "--config", "mine.toml", "--out", "times.csv"]) == 0
+    header, *rows = (folder / "times.csv").read_text().splitlines()
+    assert {"method", "tolerance", "error", "seconds"} <= set(header.split(","))
+    assert len(rows) == 5
     printed = capsys.readouterr().out
     assert max(map(len, printed.splitlines())) <= 80
     assert len(re.findall(r"^DOP853 ", printed, flags=re.MULTILINE)) == 4

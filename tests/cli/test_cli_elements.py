@@ -143,3 +143,22 @@ def test_elements_that_are_none_are_refused(
     shown = capsys.readouterr().err
     assert message in shown
     assert shown.count("\n") == 1
+
+
+@pytest.mark.parametrize(
+    ("run", "options"),
+    [
+        ("sweep", ["--values", "0.8,0.9"]),
+        ("map", ["--x", "frequency,0.8,0.9,2", "--y", "joint.force,0.05,0.1,2", "--keep", "20"]),
+    ],
+)
+def test_the_value_of_a_parameter_that_changes_has_no_effect_in_a_file(
+    run: str, options: list[str], file: Path
+) -> None:
+    written = []
+    for text in (MACHINE, MACHINE.replace("frequency = 0.9", "frequency = 0.5")):
+        file.write_text(text)
+        assert main([run, "machine.toml", *options, "--no-progress", "--out", "x.csv"]) == 0
+        written.append(Path("x.csv").read_bytes())
+    assert written[0] == written[1]
+    assert main([run, "machine.toml", *options, "--frequency", "0.5"]) == 2

@@ -97,8 +97,8 @@ BAD_INPUT = [
     ),
     ("work-precision --frequency 1 --impacts 0", "impacts must be a positive integer; got 0"),
     (
-        "work-precision --frequency 1 --out table.csv",
-        "out must end in .png, .svg, .pdf; got 'table.csv'",
+        "work-precision --frequency 1 --out table.txt",
+        "out must end in .csv, .npz, .h5, .png, .svg, .pdf; got 'table.txt'",
     ),
     (
         "work-precision --config missing.toml",

@@ -9,7 +9,7 @@ import h5py
 import numpy as np
 import pytest
 
-from dynkit import continue_orbit, equilibrium, explore, sweep
+from dynkit import MapAttractor, continue_orbit, equilibrium, explore, periodic_orbit, sweep
 from dynkit.analysis import BifurcationDiagram
 from dynkit.cli import main
 from dynkit.cli.stored import loaded, value_of
@@ -17,6 +17,7 @@ from dynkit.data.store import identity_of
 from dynkit.systems import (
     DryFriction,
     HardStop,
+    Henon,
     ImpactChain,
     Logistic,
     Lorenz,
@@ -27,6 +28,7 @@ from dynkit.systems import (
     SoftStop,
 )
 from dynkit.viewer import html
+from tests.example_systems import CircleRotation
 from tests.viewer.pages import CHAIN, branch, branch_of_impacts, curve, grid, plane, swept
 
 BELT = DryFriction(0, force=0.02, static=0.03, velocity=0.1, name="belt")
@@ -41,9 +43,21 @@ MACHINES = {
         frequency=0.9,
         elements=[HardStop((0, 1), offset=-0.2, restitution=0.5), SoftStop(2, stiffness=20.0)],
     ),
+    "forces with phases": ImpactChain(masses=2, frequency=0.9, harmonic_forces=[0.3 - 0.2j, 1e-5j]),
+    "a force with a phase": ImpactChain(masses=1, frequency=0.9, harmonic_forces=[0.3 + 0.1j]),
     "matrices": MatrixOscillator(
         M=np.eye(2), C=0.1 * np.eye(2), K=[[2.0, -1.0], [-1.0, 2.0]], frequency=1.0
     ),
+}
+
+
+MOTIONS: dict[str, Any] = {
+    "attractor": CHAIN.attractor,
+    "record": lambda: CHAIN.simulate(impacts=30),
+    "orbit": lambda: CHAIN.periodic_orbit(impacts=1, periods=3),
+    "map": lambda: Henon().attractor(start=[0.1, 0.1], keep=50),
+    "one coordinate": lambda: Logistic(rate=3.2).attractor(start=[0.3], keep=50),
+    "orbit of a map": lambda: periodic_orbit(Henon(), [0.6, 0.2]),
 }
 
 
@@ -183,7 +197,36 @@ def test_other_kinds_of_results_are_named(
     store = tmp_path / "x.h5"
     BifurcationDiagram.of(swept()).save(store)
     said = refused(capsys, str(store))
-    assert "a curve of bifurcations, a network or basins; got BifurcationDiagram" in said
+    assert "basins, an attractor, a record or an orbit; got BifurcationDiagram" in said
+
+
+@pytest.mark.parametrize("name", MOTIONS)
+def test_the_page_of_a_stored_motion_is_that_of_the_motion(
+    name: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    store, out = tmp_path / "x.h5", tmp_path / "x.html"
+    MOTIONS[name]().save(store)
+    assert main(["view", str(store), "--out", str(out), "--no-show"]) == 0
+    assert "time series  1\n" in capsys.readouterr().out
+    assert out.read_text(encoding="utf-8") == MOTIONS[name]().view(show=False).html()
+
+
+def test_a_motion_of_a_system_of_the_user_says_how_it_is_viewed(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    store = tmp_path / "x.h5"
+    MapAttractor(CircleRotation(0.3), np.array([1.0, 0.0]), 5, 20).save(store)
+    said = refused(capsys, str(store))
+    assert "got one of tests.example_systems.CircleRotation: in Python, load it" in said
+    assert "MapAttractor.load, and call its method view" in said
+
+
+def test_a_simulated_motion_is_viewed(tmp_path: Path) -> None:
+    store, out = str(tmp_path / "x.h5"), tmp_path / "x.html"
+    chain = ["--masses", "2", "--frequency", "0.87"]
+    assert main(["simulate", *chain, "--impacts", "20", "--store", store]) == 0
+    assert main(["view", store, "--out", str(out), "--no-show"]) == 0
+    assert out.exists()
 
 
 def test_a_huge_file_is_refused(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

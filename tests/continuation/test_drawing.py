@@ -15,8 +15,18 @@ from dynkit.continuation.continuing import continue_orbit
 from dynkit.continuation.curves import continue_curve
 from dynkit.continuation.results.branch import Branch
 from dynkit.continuation.results.drawing import LINES
+from dynkit.orbits.periodic_orbit import periodic_orbit
+from dynkit.systems import SymbolicMap
 from tests.continuation.starts import flat, henon
 from tests.pictures import overprinted
+
+
+class PredatorPrey(SymbolicMap):
+    a: float = 3.0
+    b: float = 3.5
+
+    def next_state(self, x: Any, y: Any) -> Any:
+        return self.a * x * (1 - x) - x * y, self.b * x * y
 
 
 def axes() -> Any:
@@ -165,3 +175,12 @@ def test_only_inadmissible_orbits_are_dotted() -> None:
 
 def test_each_kind_of_bifurcation_has_a_line_of_its_own() -> None:
     assert len({str(row.line) for row in KINDS.values()}) == len(KINDS)
+
+
+def test_an_observable_that_is_constant_does_not_show_rounding() -> None:
+    # of this predator and prey the prey is 1 / b along the branch
+    orbit = periodic_orbit(PredatorPrey(), [1.0 / 3.5, 1.0])
+    branch = continue_orbit(orbit, "a", bounds=(1.5, 3.5))
+    low, high = branch.plot(axes()).get_ylim()
+    assert low < 0.96 / 3.5
+    assert high > 1.04 / 3.5

@@ -445,3 +445,27 @@ def test_branches_of_the_lorenz_equations_hang_together() -> None:
     network = explore(Lorenz(rho=0.5), "rho", (0.2, 10.0), seeds=[start])
     assert [branch.label for branch in network.branches] == ["equilibrium", "equilibrium"]
     assert all(link.to == 1 for link in network.links if link.branch == 0)
+
+
+class Autocatalysis(SymbolicFlow):
+    """The Brusselator: its equilibrium is (a, b / a)."""
+
+    a: float = 1.0
+    b: float = 1.5
+
+    def velocity(self, x: Any, y: Any) -> Any:
+        return self.a + x**2 * y - (self.b + 1.0) * x, self.b * x - x**2 * y
+
+
+@pytest.mark.parametrize("far", [20.0, 1e3, 1e6, 1e9])
+def test_a_far_guess_leads_to_an_equilibrium_or_to_none(far: float) -> None:
+    try:
+        found = equilibrium(Autocatalysis(), [far, 3.0])
+    except NoConvergence:
+        return
+    assert abs(found.state - [1.0, 1.5]).max() <= found.error < 1e-12
+
+
+def test_where_the_velocity_is_not_zero_there_is_no_equilibrium() -> None:
+    with pytest.raises(NoConvergence, match="the derivative is singular"):
+        equilibrium(Autocatalysis(), [1e6, 3.0])

@@ -47,6 +47,28 @@ def test_bad_input_is_refused(problem: Any, guess: Any, message: str) -> None:
         find_solution(problem, guess)
 
 
+@pytest.mark.parametrize(
+    ("method", "value", "message"),
+    [
+        (
+            "residual",
+            [0.0, 0.0],
+            r"^residual must return an array \(2,\) of floats; got \[0",
+        ),
+        ("residual", np.zeros((1, 2)), r"got float64 \(1, 2\)"),
+        ("residual", np.zeros(2, dtype=complex), r"got complex128 \(2,\)"),
+        ("scale", 1.0, r"^scale must return an array \(2,\) of floats; got 1.0"),
+        ("linearization", np.zeros(2), r"^linearization must return an array \(2, 2\) of floats"),
+    ],
+)
+def test_a_method_that_returns_something_else_is_named(
+    method: str, value: Any, message: str
+) -> None:
+    wrong: Any = type("Wrong", (BalanceProblem,), {method: lambda *_: value})
+    with pytest.raises(ValueError, match=message):
+        find_solution(wrong(Balance()), [1.0, 1.0])
+
+
 def test_a_system_without_parameters_by_name_is_refused() -> None:
     system: Any = {"force": 1.0}
     with pytest.raises(ValueError, match=r"^system must be a Family; got "):

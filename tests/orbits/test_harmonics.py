@@ -72,6 +72,21 @@ def test_error_estimate_is_sharp_for_a_triangle(samples: int) -> None:
     assert 0.9 * found.error < error <= found.error
 
 
+@pytest.mark.parametrize("samples", range(4, 20))
+@pytest.mark.parametrize("fall", ["powers", "squares"])
+def test_error_estimate_holds_for_few_samples(samples: int, fall: str) -> None:
+    random, exceeded = np.random.default_rng(samples), 0
+    k = np.arange(1, 61)
+    turns = np.exp(2j * np.pi * np.outer(np.arange(samples + 1) / samples, k))
+    for _ in range(1000):
+        numbers = random.normal(size=60) + 1j * random.normal(size=60)
+        exact = numbers * (random.uniform(0.2, 0.95) ** k if fall == "powers" else k**-2.0)
+        found = harmonics_of(2.0 * (turns @ exact).real, 1.0)
+        error = abs(found.coefficients - exact[: len(found.coefficients)]).max()
+        exceeded += error > found.error
+    assert exceeded <= 4  # one in a thousand, and chance
+
+
 @pytest.mark.parametrize("phase", [0.0, 0.3, 0.7123])
 def test_error_estimate_holds_wherever_the_kinks_are(phase: float) -> None:
     found = harmonics_of(triangle(np.linspace(0.0, 1.0, 101) + phase / 100.0), TWO_PI)
@@ -244,3 +259,11 @@ def test_bad_frequencies_are_refused(frequency: float) -> None:
 def test_bad_shares_are_refused(share: float) -> None:
     with pytest.raises(ValueError, match=r"share must lie in \(0, 1\)"):
         harmonics_of(np.zeros(9), 1.0).count(share)
+
+
+@pytest.mark.parametrize(("unit", "limit"), [(1e-200, "at least 1e-145"), (1e200, "exceed 1e.145")])
+def test_powers_that_would_vanish_or_overflow_are_refused(unit: float, limit: str) -> None:
+    found = harmonics_of(unit * np.sin(np.linspace(0.0, TWO_PI, 33)), 1.0)
+    assert abs(found.coefficients[0]) == pytest.approx(0.5 * unit)
+    with pytest.raises(ValueError, match=f"coefficients must .*{limit}"):
+        found.power  # noqa: B018

@@ -363,3 +363,24 @@ def test_an_orbit_far_from_the_origin_keeps_its_period(
     orbit = attractor.periodic_orbit()
     assert orbit.label == f"P({n})"
     assert orbit.multipliers[0].real == pytest.approx(multiplier, abs=3e-4)
+
+
+class Parabola(SymbolicMap):
+    """x^2 + c; for c > 1/4 it has no fixed point."""
+
+    c: float = -0.5
+
+    def next_state(self, x: sp.Symbol) -> tuple[sp.Expr]:
+        return (x**2 + self.c,)
+
+
+@pytest.mark.parametrize("far", [1e4, 1e8, 1e12])
+def test_an_orbit_from_a_far_guess_is_as_accurate_as_from_a_near_one(far: float) -> None:
+    orbit = periodic_orbit(Parabola(), [far])
+    assert abs(orbit.states[0, 0] - (1.0 + np.sqrt(3.0)) / 2.0) <= orbit.error < 1e-14
+
+
+@pytest.mark.parametrize("far", [1.0, 1e8, 1e10, 1e12])
+def test_a_far_guess_finds_no_orbit_where_there_is_none(far: float) -> None:
+    with pytest.raises(NoConvergence):
+        periodic_orbit(Parabola(c=1.0), [far])

@@ -11,7 +11,7 @@ from dynkit.analysis import BifurcationDiagram, ImpactSection, TimeSeries
 from dynkit.core.validation import Array
 from dynkit.dynamics.map import Map
 from dynkit.plotting.figures import new_figure
-from dynkit.plotting.points import PHASE
+from dynkit.plotting.points import PHASE, draw_points
 from dynkit.systems import (
     BouncingBall,
     Henon,
@@ -108,7 +108,18 @@ def test_an_impact_attractor_is_drawn_as_its_section() -> None:
 
 def test_a_motion_without_impacts_has_an_empty_section() -> None:
     far = SingleImpactOscillator(frequency=4.0, stop=2.0).attractor()
-    assert data(far.plot(new_figure()[1][0]).lines[0]).shape == (2, 0)
+    axes = far.plot(new_figure()[1][0])
+    assert data(axes.lines[0]).shape == (2, 0)
+    assert [text.get_text() for text in axes.texts] == ["no states"]
+
+
+def test_axes_do_not_show_rounding() -> None:
+    axes = new_figure()[1][0]
+    draw_points(axes, np.array([[1.0, 0.227], [1.0, 0.227 + 1e-13]]), ("x", "y"))
+    assert axes.get_ylim() == pytest.approx((0.227 * 0.945, 0.227 * 1.055))
+    draw_points(axes, np.array([[3.0, 7.0]]), ("x", "y"))  # what was drawn before is still shown
+    assert axes.get_ylim()[0] < 0.227
+    assert axes.get_ylim()[1] > 7.0
 
 
 @pytest.mark.parametrize("system", [Logistic(rate=3.5), Henon()])

@@ -182,6 +182,17 @@ def test_states_may_be_lists() -> None:
     testing.check_section(PLANE, POINTS.tolist())
 
 
-def test_one_state_in_place_of_rows_is_refused_by_name() -> None:
-    with pytest.raises(ValueError, match=r"^states must have 2 dimensions; got shape \(2,\)"):
-        testing.check_map(Henon(), np.array([0.1, 0.2]))
+def test_a_single_state_in_place_of_states_is_refused_with_its_shape() -> None:
+    with pytest.raises(ValueError, match=r"states must have shape \(n, 2\), .*; got shape \(2,\)$"):
+        testing.check_map(Henon(), STATES[0])
+
+
+def test_a_call_that_accepts_nan_is_told_how_to_refuse_it() -> None:
+    class Plain(Map):
+        dimension = 1
+
+        def __call__(self, state: Array) -> Array:
+            return 0.5 * state
+
+    with pytest.raises(AssertionError, match=r"refuses nan .* dynkit\.core\.validation\.finite_"):
+        testing.check_map(Plain(), np.array([[1.0]]))

@@ -13,6 +13,7 @@ from dynkit import Page, view
 from dynkit.viewer.viewing import Viewed
 from tests.browser import Browser
 from tests.viewer.pages import (
+    CHAIN,
     border,
     branch,
     branch_of_impacts,
@@ -75,7 +76,8 @@ Tab = Callable[[Page], Browser]
 
 
 @pytest.mark.parametrize(
-    "result", [swept, branch, branch_of_impacts, curve, border, network, plane, grid]
+    "result",
+    [swept, branch, branch_of_impacts, curve, border, network, plane, grid, CHAIN.attractor],
 )
 def test_a_page_loads_without_a_network_and_without_errors(
     tab: Tab, result: Callable[[], Viewed]

@@ -16,6 +16,7 @@ from dynkit import (
     BifurcationCurve,
     Branch,
     Hyperplane,
+    MapAttractor,
     Network,
     PoincareMap,
     Sweep,
@@ -27,7 +28,7 @@ from dynkit import (
     sweep,
     view,
 )
-from dynkit.systems import Henon, Logistic, Lorenz, VanDerPol
+from dynkit.systems import Henon, Logistic, Lorenz, SingleImpactOscillator, VanDerPol
 from dynkit.viewer import html
 from dynkit.viewer.page import LOOKS
 from dynkit.viewer.series import Series
@@ -85,6 +86,40 @@ def test_series_of_a_sweep_are_those_of_its_attractors() -> None:
         gap = series["columns"]["x₂"] - series["columns"]["table"]
         assert gap.min() > -1e-6
         assert abs(gap[series["marks"]]).max() < 1e-6
+
+
+def test_the_page_of_a_motion_shows_its_section_and_the_motion() -> None:
+    motion = CHAIN.attractor(keep=12)
+    data = data_of(motion.view(show=False))
+    assert data["names"] == ["phase", "relative_velocity"]
+    np.testing.assert_array_equal(data["x"], motion.record.phase)
+    np.testing.assert_array_equal(data["y"], motion.record.relative_velocity)
+    assert data["nearest"].tolist() == [0] * 12
+    (series,) = data["series"]
+    exact = motion.time_series(series["times"].astype(float))
+    np.testing.assert_allclose(series["columns"]["x₁"], exact[:, 0], atol=1e-6)
+
+
+def test_points_of_a_map_of_one_coordinate_are_those_of_its_figure() -> None:
+    motion = MapAttractor(Logistic(rate=3.2), np.array([0.3]), transient=20, iterations=7)
+    data = data_of(motion.view(show=False))
+    assert data["names"] == ["state[0]", "next state[0]"]
+    (drawn,) = motion.plot().get_lines()
+    np.testing.assert_array_equal(np.transpose([data["x"], data["y"]]), drawn.get_xydata())
+
+
+def test_a_motion_without_impacts_is_shown() -> None:
+    far = SingleImpactOscillator(frequency=4.0, stop=2.0)
+    for motion in (far.attractor(), far.simulate(impacts=5)):
+        page = motion.view(show=False)
+        assert (len(page.x), len(page.look), len(page.series)) == (0, 1, 1)
+        assert any("no states on its section" in note for note in page.notes)
+
+
+@pytest.mark.parametrize(("guess", "look"), [([0.8, 0.2], "stable"), ([-2.0, -0.6], "unstable")])
+def test_the_page_of_an_orbit_says_whether_it_is_stable(guess: list[float], look: str) -> None:
+    page = periodic_orbit(Henon(a=0.2), guess).view(show=False)
+    assert [LOOKS[k] for k in page.look] == [look]
 
 
 def test_a_periodic_motion_ends_where_it_begins() -> None:
@@ -333,7 +368,7 @@ def test_a_notebook_shows_the_page_itself(monkeypatch: pytest.MonkeyPatch) -> No
         (
             ("x.h5",),
             {},
-            "results must be sweeps, parameter maps, basins, branches, curves or networks",
+            "results must be sweeps, parameter maps, basins, branches, curves, networks or motions",
         ),
         ((Logistic(rate=3.0),), {}, "got Logistic"),
         ((None,), {"motions": -1}, "motions must be"),

@@ -20,7 +20,7 @@ from dynkit.plotting.figures import (
     shown_axes,
 )
 from dynkit.plotting.names import write_names
-from dynkit.plotting.points import axis_title
+from dynkit.plotting.points import axis_title, without_rounding
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -49,6 +49,7 @@ def draw_branches(
         if kind in curves:
             look = {"linestyle": style, "linewidth": _WIDTHS[kind], "color": colour(number)}
             axes.plot(*curves[kind], label="_" if kind in known else kind, **look)
+    without_rounding(axes)
     marks: dict[tuple[bool, BifurcationKind], list[tuple[float, float]]] = {}
     for line in lines:
         for b, x, row in line.marks():

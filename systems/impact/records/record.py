@@ -35,6 +35,7 @@ from dynkit.systems.impact.simulation.sampling import (
 )
 from dynkit.systems.impact.simulation.state import SHEET, ImpactState, phases, put_on
 from dynkit.systems.impact.simulation.trajectory import Ending, Events, Trajectory, grouped
+from dynkit.viewer.viewing import Viewed
 
 if TYPE_CHECKING:
     from matplotlib.animation import FuncAnimation
@@ -43,6 +44,7 @@ if TYPE_CHECKING:
     from dynkit.systems.impact.impact_map import ImpactMap
     from dynkit.systems.impact.records.energy_balance import EnergyBalance
     from dynkit.systems.impact.records.second_moments import SecondMoments
+    from dynkit.viewer.page import Page
 
 
 OF_IMPACTS = "relative_velocity", "phase", "energy", "time"
@@ -125,7 +127,7 @@ def batch_size(system: ImpactMap) -> int:
 
 
 @final
-class ImpactRecord(SavedWithSystem):
+class ImpactRecord(Viewed, SavedWithSystem):
     """The impacts of one simulation, and the motion between them.
 
     All quantities are dimensionless. The record stores about 2N + 8 numbers per impact; arrays are
@@ -642,6 +644,11 @@ class ImpactRecord(SavedWithSystem):
         has settled.
         """
         return self.system._attractor_of(self)
+
+    def _page(self, motions: int) -> Page:
+        from dynkit.systems.impact.records.viewing import page_of_record
+
+        return page_of_record(self, motions)
 
     def energy_balance(self) -> EnergyBalance:
         """Return the work done on the structure and the energy dissipated, by each source.

@@ -9,7 +9,10 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from dynkit.core.validation import Array
+from dynkit.systems.impact.records.drawing import shown_until
 from dynkit.systems.impact.records.event_counts import element_names
+from dynkit.viewer.page import Page
+from dynkit.viewer.section import page_of_section
 from dynkit.viewer.series import Series
 
 if TYPE_CHECKING:
@@ -69,6 +72,18 @@ def series_of(
     portrait = _named("x", along), _named("v", along)
     marks = np.searchsorted(times, impacts).tolist()
     return Series(times, columns, tuple(shown), portrait, marks=marks, machine=machine)
+
+
+def page_of_record(record: Any, motions: int) -> Page:
+    """Return the page of a record: its impacts, and the motion from its start."""
+    system, turn = record.system, 2.0 * math.pi / record.system.frequency
+    end = min(PERIODS * turn, shown_until(turn, record._run))
+
+    def series(_: int) -> Series:
+        return series_of(system, record.sample, record.start.phase, end, record.time)
+
+    names = system.observables
+    return page_of_section("Record of a motion", record, names, series, motions)
 
 
 def _named(letter: str, coordinate: int) -> str:
