@@ -329,9 +329,7 @@ def _both(
     return (ahead - behind) / (2.0 * h), (ahead - 2.0 * here + behind) / h**2
 
 
-def _limit(
-    estimate: Callable[[float], float], accuracy: float, unit: float
-) -> tuple[float, float]:
+def _limit(estimate: Callable[[float], float], accuracy: float, unit: float) -> tuple[float, float]:
     """Return the limit of an even function of the step at step zero, and its error.
 
     The unit is a typical size of the function.
