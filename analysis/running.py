@@ -192,7 +192,10 @@ class RunningHistogram(Running):
             return np.array(found, dtype=np.float64)
 
         self._counts.add(len(values), counts)
-        self._watched.add_rows(with_squares(values[:, None]))
+        unit = max(abs(self.low), abs(self.high))
+        scaled = values / 2.0 ** math.floor(math.log2(unit))
+        with_squares_in_range("observable, in units of the edges,", scaled)
+        self._watched.add_rows(with_squares(scaled[:, None]))
 
     def result(self) -> Histogram:
         self._at_least(1, "states", self.states)

@@ -194,13 +194,24 @@ def _branch(
         multipliers=np.array([point.seen.spectrum for point in points]),
         admissible=admissible,
         residuals=np.array([point.residual for point in points]),
-        bifurcations=tuple(_bifurcation(problem, admissible, *entry) for entry in places),
+        bifurcations=tuple(
+            _bifurcation(
+                problem, admissible, place, found, way / _length(problem, found, way, scale)
+            )
+            for place, found, way in places
+        ),
         endings=(begin, end),
         cost=cost_of(points, seconds),
         _problem=problem,
         spectrum=problem.stability,
         _system=orbit.system,
     )
+
+
+def _length(problem: Problem, found: Located, way: Array, scale: Array) -> float:
+    """Return the length of a step in scaled unknowns at a bifurcation."""
+    units = OrbitEquations(problem, float(scale[-1])).scale(found.place)
+    return float(np.linalg.norm(way / units))
 
 
 def _explained(problem: Problem, last: Point, ending: Ending) -> Ending:

@@ -133,7 +133,7 @@ class BifurcationCurve(Viewed, SolutionCurve):
         widths = np.where(ranges > _CHANGES * self._widths, ranges, self._widths)
         error = np.empty(len(self))
         for i, (x, own, p) in enumerate(zip(self.unknowns, self.own, self.parameters, strict=True)):
-            condition, _ = condition_of(self.kind, self._event, self.problem, x, own, p)
+            condition, _ = condition_of(self.kind, self._event, self.problem, x, own, p, widths)
             equations = BifurcationEquations(self.problem, condition, widths)
             y = np.concatenate([x, own, p])
             off = distance_from_curve(equations, equations.full_jacobian(y), y)
@@ -312,7 +312,7 @@ def _start(
         # the angle between 0 and pi of the conjugate pair
         own = np.arccos(np.cos(own))
     try:
-        condition, own = condition_of(kind, bifurcation.event, problem, x, own, p)
+        condition, own = condition_of(kind, bifurcation.event, problem, x, own, p, widths)
         equations = BifurcationEquations(problem, condition, widths)
         (start, *_) = start_points(equations, np.concatenate([x, own, p]))
     except NoSolution as refusal:

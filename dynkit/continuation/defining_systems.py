@@ -43,14 +43,15 @@ class CriticalMultiplier(Condition):
 
     The number g of the bordered system [D b; c^H 0] [v; g] = [0; 1] is zero if and only if D is
     singular (W. Govaerts, Numerical Methods for Bifurcations of Dynamical Equilibria, SIAM 2000,
-    section 3.3). The borders b and c are null vectors at a near solution.
+    section 3.3). The borders b and c are null vectors at a near solution. `widths`, (k,), are the
+    units of the free parameters.
     """
 
     unknowns = 0
 
-    def __init__(self, problem: Problem, x: Array, own: Array, p: Array) -> None:
+    def __init__(self, problem: Problem, x: Array, own: Array, p: Array, widths: Array) -> None:
         self._problem = problem
-        self._units = problem.scale(x)
+        self._units, self._widths = problem.scale(x), widths
         matrix = self._scaled(x, p, self.multiplier(own))
         left, _, right = np.linalg.svd(matrix)
         # D = left sizes right: the last row is already the conjugate of a null vector
@@ -156,10 +157,10 @@ class Resonance(CriticalMultiplier):
 
     unknowns = 1
 
-    def __init__(self, problem: Problem, x: Array, own: Array, p: Array) -> None:
+    def __init__(self, problem: Problem, x: Array, own: Array, p: Array, widths: Array) -> None:
         angles = abs(np.angle(problem.spectrum(x, p)[:1])) / (2.0 * np.pi)
         self.fraction = min(RESONANCES, key=lambda each: abs(each - angles[0]))
-        super().__init__(problem, x, own, p)
+        super().__init__(problem, x, own, p, widths)
 
     def multiplier(self, own: Array) -> complex:
         return complex(own[0] * np.exp(2j * np.pi * self.fraction))
@@ -186,8 +187,8 @@ class BranchPoint(CriticalMultiplier):
 
     unknowns = 1
 
-    def __init__(self, problem: Problem, x: Array, own: Array, p: Array) -> None:
-        super().__init__(problem, x, own, p)
+    def __init__(self, problem: Problem, x: Array, own: Array, p: Array, widths: Array) -> None:
+        super().__init__(problem, x, own, p, widths)
         self.unfolding = self._left
 
     def multiplier(self, own: Array) -> complex:
@@ -195,7 +196,7 @@ class BranchPoint(CriticalMultiplier):
 
     def residual(self, x: Array, own: Array, p: Array) -> Array:
         *null, g = _last_column(self._bordered(x, own, p).T)
-        slope = self._problem.parameter_derivative(x, p)[:, 0]
+        slope = self._problem.parameter_derivative(x, p)[:, 0] * self._widths[0]
         return np.array([g, null @ slope]) / self.unit
 
 
@@ -222,7 +223,7 @@ class BifurcationEquations(CurveEquations):
         """Return the equations whose borders are null vectors at a solution."""
         if not isinstance(self.condition, CriticalMultiplier):
             return self
-        condition = type(self.condition)(self.problem, *self.split(y))
+        condition = type(self.condition)(self.problem, *self.split(y), self._widths)
         return type(self)(self.problem, condition, self._widths)
 
     def residual(self, y: Array) -> Array:

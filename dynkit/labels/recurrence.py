@@ -134,12 +134,13 @@ class Recurrences:
         first = self.distances(self._counterparts(0, likely), np.zeros_like(likely))
         for n in likely[first <= tolerance].tolist():
             if self.spread(n) <= tolerance:
-                return self._resolved(n)
+                return self._resolved(n, tolerance)
         return None
 
-    def _resolved(self, n: int) -> int | None:
+    def _resolved(self, n: int, tolerance: float) -> int | None:
         """Return the period among n and its multiples; None where it is not certain."""
-        far = self.spread(n) > max(_SPLIT, _DRIFT * float(self.steps(n).max()))
+        size = self.spread(n)
+        far = size > max(_SPLIT, _DRIFT * float(self.steps(n).max()))
         if far and not self._decay(n).falls(_DECAY_DEPTH):
             return None  # states drift from period to period, without a decay to an orbit
         factor: int | None = 0
@@ -148,6 +149,10 @@ class Recurrences:
             if factor is None:
                 return None
             n *= factor
+        # far from the origin the motion itself is smaller than the tolerance
+        near = max(_SPLIT, tolerance * size)
+        if size > self.spread(n) > near and not self._decay(n).falls(_DECAY_DEPTH):
+            return None
         rest = self.rest(n)
         for divisor in proper_divisors(n):
             clear = _CLOSE if rest == np.inf else 3.0 * rest

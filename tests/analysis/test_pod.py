@@ -17,7 +17,7 @@ from dynkit.analysis import POD
 from dynkit.core.validation import Array
 from dynkit.dynamics.attractor import MapAttractor
 from dynkit.plotting.figures import new_figure
-from dynkit.systems import Henon, ImpactChain
+from dynkit.systems import Henon, ImpactChain, MatrixOscillator
 
 # Frequency, damping and number of modes for 99% of the power: J. P. Cusumano, B.-Y. Bai, Chaos,
 # Solitons & Fractals 3 (1993) 515-535, Table 1. Of the paper's ten rows two are as an independent
@@ -448,3 +448,20 @@ def test_modes_get_a_figure_of_their_own(count: Literal[1, 3]) -> None:
     panels = POD(np.eye(3) * [3.0, 2.0, 1.0]).plot_modes(count=count, modes=np.eye(3))
     assert len(panels) == count
     plt.close(panels[0].get_figure(root=True))
+
+
+@pytest.mark.parametrize(
+    ("size", "message"),
+    [
+        (1e-156, r"root mean squares of positions must be zero, or at least 1e-145 in size; got "),
+        (1e160, r"modal coordinates must not exceed 1e\+145 in size; got "),
+    ],
+)
+def test_averages_whose_squares_are_out_of_range_are_refused(size: float, message: str) -> None:
+    system = MatrixOscillator(
+        M=[[1.0]], C=[[0.1]], K=[[1.0]], frequency=2.8, amplitude=0.0, harmonic_forces=(size,)
+    )
+    start = system.state([0.7 * size], [0.3 * size])
+    attractor = system.attractor(start=start, transient=10, impacts=50)
+    with pytest.raises(ValueError, match=message):
+        POD(attractor).power  # noqa: B018

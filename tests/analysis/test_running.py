@@ -39,6 +39,18 @@ class SkewTent(Map):
         return np.where(state < 0.3, 1.0 / 0.3, -1.0 / 0.7)[None]
 
 
+class LogisticOf(Map):
+    """The logistic map at rate 4, in any unit."""
+
+    dimension = 1
+
+    def __init__(self, size: float) -> None:
+        self.size = size
+
+    def __call__(self, state: Array) -> Array:
+        return 4.0 * state * (1.0 - state / self.size)
+
+
 class Drifting(Map):
     """The logistic map, whose rate is 4 in the first iterates, and 3.7 from then on."""
 
@@ -143,6 +155,20 @@ def test_the_upper_edge_belongs_to_the_last_bin() -> None:
     running = RunningHistogram("state[0]", low=0.0, high=0.75, bins=2)
     found = after(running, Logistic(rate=4.0).stream(start=[0.25], transient=0, keep=3))
     assert (found.counts.tolist(), found.outside) == ([1, 2], (0, 0))  # 1/4, 3/4, 3/4
+
+
+@pytest.mark.parametrize("size", [2.0**-600, 2.0**600])
+def test_a_histogram_is_the_same_in_all_units(size: float) -> None:
+    """Squares of the values themselves would overflow or vanish."""
+
+    def found(size: float) -> Any:
+        running = RunningHistogram("state[0]", low=0.0, high=0.75 * size, bins=20)
+        return after(running, LogisticOf(size).stream(start=[0.3 * size], keep=2000, block=500))
+
+    known, scaled = found(1.0), found(size)
+    assert scaled.counts.tolist() == known.counts.tolist()
+    np.testing.assert_allclose(scaled.error * size, known.error, rtol=1e-12)
+    assert scaled.change == known.change
 
 
 @pytest.mark.parametrize("about", ["origin", "mean"])

@@ -12,7 +12,7 @@ from dynkit import Map, continue_orbit, equilibrium, periodic_orbit
 from dynkit.continuation.bifurcations.bifurcation import Bifurcation
 from dynkit.continuation.results.branch import Branch
 from dynkit.core.validation import Array, finite_array
-from dynkit.systems import Henon, ImpactChain, Logistic, Lorenz
+from dynkit.systems import DelayedLogistic, Henon, ImpactChain, Logistic, Lorenz, SymbolicFlow
 from tests.continuation.doublings import growth_of_born
 from tests.continuation.starts import delayed_logistic
 
@@ -63,6 +63,49 @@ def test_the_torus_of_the_delayed_logistic_map() -> None:
     found = known(torus)
     assert abs(found.coefficient + 1.0) <= found.error < 1e-10
     assert (found.supercritical, found.stable, found.side) == (True, True, 1)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Rest(SymbolicFlow):
+    """A fold at force 0 in any unit of time and of the force."""
+
+    rate: float
+    unit: float
+    force: float
+
+    def velocity(self, x: Any, y: Any) -> tuple[Any, ...]:
+        pushed = self.force / self.unit - x**2 + 0.3 * x**3 + 0.1 * x * y
+        return self.rate * pushed, self.rate * (0.2 * x - y)
+
+
+@pytest.mark.parametrize(("rate", "unit"), [(1e-9, 1.0), (1e9, 1.0), (1.0, 1e-18), (1.0, 1e18)])
+def test_a_fold_has_the_same_orbits_in_all_units(rate: float, unit: float) -> None:
+    rest = equilibrium(Rest(rate=rate, unit=unit, force=0.5 * unit), [0.7, 0.14])
+    branch = continue_orbit(rest, "force", bounds=(-0.5 * unit, 0.6 * unit))
+    (fold,) = of_kind(branch, "SN")
+    found = known(fold)
+    assert (found.side, found.stable) == (1, True)
+    # at the fold x = y = 0, on the curve y = 0.2 x, and the left null vector is (1, 0)
+    exact = -(1.0 - 0.1 * 0.2) * float(fold.direction[0]) * rate
+    assert abs(abs(found.coefficient) - abs(exact)) <= found.error < 1e-11 * rate
+
+
+@pytest.mark.parametrize("size", [1e-9, 1e9])
+def test_the_coefficient_of_a_torus_scales_with_the_unit_of_the_states(size: float) -> None:
+    """The coefficient is that of a square of the state."""
+
+    def at(s: float) -> Bifurcation:
+        orbit = periodic_orbit(DelayedLogistic(rate=1.9 / s, s=s), [0.47 * s, 0.47 * s])
+        return continue_orbit(orbit, "rate", bounds=(1.2 / s, 2.3 / s)).bifurcations[0]
+
+    known, found = at(1.0).criticality, at(size).criticality
+    assert known is not None
+    assert found is not None
+    assert found.supercritical
+    assert found.side == known.side == 1
+    wrong = known.error + found.error * size**2
+    assert abs(found.coefficient * size**2 - known.coefficient) <= wrong
+    assert found.error * size**2 < 10.0 * known.error
 
 
 def test_the_fold_of_the_henon_map() -> None:

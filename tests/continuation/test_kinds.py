@@ -27,7 +27,8 @@ def test_the_critical_multiplier_is_that_of_the_defining_system(row: Kind) -> No
     orbit = logistic(2.5)
     if row.critical and row.defining_system is not None:
         problem = orbit.problem("rate")
-        condition = row.defining_system(problem, orbit.unknowns, np.zeros(1), problem.values)
+        given = problem, orbit.unknowns, np.zeros(1), problem.values, np.ones(1)
+        condition = row.defining_system(*given)
         assert condition.multiplier(np.zeros(1)) == row.critical[Spectrum.MULTIPLIERS]
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -10,7 +11,8 @@ import pytest
 from dynkit.continuation.bifurcations.bifurcation import Bifurcation
 from dynkit.continuation.continuing import continue_orbit
 from dynkit.continuation.results.branch import Branch
-from dynkit.core.validation import Array
+from dynkit.core.validation import Array, finite_array
+from dynkit.dynamics.map import Map
 from dynkit.orbits.newton import NoConvergence, NoSolution
 from dynkit.orbits.periodic_orbit import periodic_orbit
 from tests.continuation.families import CycleProblem
@@ -78,7 +80,7 @@ def test_the_crossing_branch_is_found(shape: str, power: int) -> None:
     wrong = abs(other.parameter - other.unknowns[:, 0] ** power)
     assert (wrong <= 4.0 * other.error + 1e-15).all()
     assert np.median(wrong) < 1e-15
-    assert abs(other.unknowns[[0, -1], 0]).min() == 1.0
+    assert abs(other.parameter[[0, -1]]).min() == 1.0
 
 
 def test_a_branch_through_a_pitchfork_is_followed_on_the_other_side() -> None:
@@ -142,3 +144,47 @@ def test_a_neighbour_whose_equations_are_not_defined_is_skipped(
     found = grazing()
     monkeypatch.setattr(CycleProblem, "neighbours", undefined)
     assert found.switch() == []
+
+
+@dataclass(frozen=True, kw_only=True)
+class Exchange(Map):
+    """x' = x + p x / unit - x^2 of a pair (x, y), y' = 0.5 y + x: a branch point at p = 0."""
+
+    p: float
+    unit: float
+    dimension = 2
+
+    def __call__(self, state: Any) -> Array:
+        x, y = finite_array("state", state, (2,))
+        return np.array([x + self.p / self.unit * x - x**2, 0.5 * y + x])
+
+
+@dataclass(frozen=True, kw_only=True)
+class Doubled(Map):
+    """x' = -(1 + p / unit) x + 0.3 x^2 + x^3: a period doubling at p = 0."""
+
+    p: float
+    unit: float
+    dimension = 1
+
+    def __call__(self, state: Any) -> Array:
+        x = finite_array("state", state, (1,))
+        return np.asarray(-(1.0 + self.p / self.unit) * x + 0.3 * x**2 + x**3)
+
+
+@pytest.mark.parametrize("unit", [2.0**-30, 2.0**30])
+@pytest.mark.parametrize("kind", [Exchange, Doubled])
+def test_a_bifurcation_at_zero_is_left_in_all_units_of_the_parameter(
+    kind: Any, unit: float
+) -> None:
+    system = kind(p=-0.5 * unit, unit=unit)
+    orbit = periodic_orbit(system, np.zeros((1, system.dimension)))
+    (bifurcation,) = continue_orbit(orbit, "p", bounds=(-0.5 * unit, 0.5 * unit)).bifurcations
+    assert abs(bifurcation.value) <= 1e-13 * unit
+    (other,) = bifurcation.switch()
+    x, p = other.states[:, 0], other.system.p / unit
+    assert abs(x).max() > 1e-6
+    # on the exchanging branch x = p; the mean of the two states squared is p / (1 + 0.3^2)
+    exact = p if kind is Exchange else p / (1.0 + 0.3**2)
+    born = x[0] if kind is Exchange else -x[0] * x[1]
+    assert abs(born - exact) <= 0.02 * abs(exact)

@@ -70,6 +70,28 @@ def test_a_small_motion_far_from_the_origin_has_no_wrong_label(
     assert str(attractor.label) in labels
 
 
+class ShiftedDelay(Map):
+    """The delayed logistic map in coordinates far from its origin, without a jacobian."""
+
+    dimension = 2
+
+    def __init__(self, rate: float, offset: float) -> None:
+        self.rate, self.offset = rate, offset
+
+    def __call__(self, state: Array) -> Array:
+        x, y = state - self.offset
+        return np.array([self.rate * x * (1.0 - y), x]) + self.offset
+
+
+@pytest.mark.parametrize("rate", [2.05, 2.1])
+def test_an_invariant_circle_far_from_the_origin_has_no_period(rate: float) -> None:
+    """Its states 205 apart are near, in relation to the offset and not to the circle."""
+    offset = 2.0**20
+    start = offset + np.array([0.47, 0.47])
+    label = MapAttractor(ShiftedDelay(rate, offset), start, 3000, 2000).label
+    assert label.kind in (OrbitKind.QUASI_PERIODIC, OrbitKind.UNSETTLED)
+
+
 def test_at_the_period_doubling_itself_the_motion_is_unsettled() -> None:
     assert logistic(3.0).label.kind is OrbitKind.UNSETTLED
 

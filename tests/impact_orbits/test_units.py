@@ -95,6 +95,30 @@ def test_an_exploration_finds_the_same_branches_in_all_units(number: int) -> Non
     assert all(branches(units) == known for units in UNITS)
 
 
+@pytest.mark.parametrize("units", [(2.0**30, 1.0, 1.0), (2.0**-30, 1.0, 1.0), (1.0, 1.0, 2.0**20)])
+def test_the_orbit_without_a_start_is_the_same_in_all_units(
+    units: tuple[float, float, float],
+) -> None:
+    """A start of length one is far too near, or too far, in other units."""
+
+    def on_a_belt(length: float, time: float, mass: float) -> ImpactOscillator:
+        force = mass * length / time**2
+        friction = DryFriction(
+            0, force=0.3 * force, static=0.5 * force, velocity=0.3 * length / time
+        )
+        return MatrixOscillator(
+            M=[[mass]],
+            C=[[0.05 * mass / time]],
+            K=[[mass / time**2]],
+            frequency=1.0 / time,
+            elements=[friction],
+        )
+
+    known, found = (on_a_belt(*own).periodic_orbit() for own in ((1.0, 1.0, 1.0), units))
+    assert found.label == known.label
+    np.testing.assert_allclose(found.multipliers, known.multipliers, atol=1e-10)
+
+
 def bent(length: float) -> ImpactDuffing:
     """A Duffing oscillator between a hard and a soft stop, with friction."""
     return ImpactDuffing(

@@ -165,7 +165,7 @@ def test_there_is_nothing_to_watch(name: str) -> None:
     assert events_of(problem, x, p) == ()
     assert is_admissible(problem, x, p)
     with pytest.raises(ValueError, match=r"^problem must have events, for GR; got <"):
-        condition_of(BifurcationKind.GR, 0, problem, x, np.empty(0), p)
+        condition_of(BifurcationKind.GR, 0, problem, x, np.empty(0), p, np.ones(1))
 
 
 def test_an_orbit_gives_back_its_equations() -> None:

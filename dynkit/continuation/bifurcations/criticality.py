@@ -28,8 +28,9 @@ _FIRST = 0.1
 # _MARGIN is the safety factor of errors that are estimated by trials; _DERIVATIVES is the error of
 # second derivatives, in units of the accuracy of the map.
 _MARGIN, _DERIVATIVES = 4.0, 1e3
-# Largest difference between the critical multiplier and that of the return map.
-_SAME = 1e-6
+# Multipliers or eigenvalues are equal if they differ by this part of the critical one; eigenvalues,
+# too, if they differ by the part _DOUBLE of the largest one: the rounding of a double one.
+_SAME, _DOUBLE = 1e-6, 2.0**-26
 # A multiplier with abs(mu^k - 1) below this, k = 1 to 4, is at a strong resonance: cubic terms do
 # not determine the criticality.
 _RESONANT = 1e-6
@@ -140,7 +141,7 @@ def criticality(place: Place, value: complex, form: NormalForm, sign: int) -> Cr
     if kind is Spectrum.CONSERVATIVE:
         return None  # two multipliers become critical together: these normal forms assume one
     spectrum = np.asarray(place.problem.spectrum(x, p))
-    if np.count_nonzero(abs(spectrum - value) < _SAME * max(1.0, abs(value))) > 1:
+    if np.count_nonzero(_equal(spectrum, value, kind)) > 1:
         return None  # several critical multipliers, as in a symmetric system
     accuracy = ROUNDING
     if isinstance(place.problem, PeriodicProblem):
@@ -171,6 +172,19 @@ def criticality(place: Place, value: complex, form: NormalForm, sign: int) -> Cr
     return Criticality(coefficient, error, side, supercritical, stable, cost)
 
 
+def _equal(spectrum: Any, value: complex, kind: Spectrum) -> Any:
+    """Return which of the numbers are equal to the critical value up to errors, of bool."""
+    rounding = 0.0 if kind.periodic else _DOUBLE * float(abs(spectrum).max())
+    return abs(spectrum - value) <= max(_SAME * abs(value), rounding)
+
+
+def _unit(problem: Problem, x: Array, p: Array) -> float:
+    """Return the unit of the spectrum: one for multipliers, the largest of eigenvalues."""
+    if problem.stability.periodic:
+        return 1.0
+    return float(abs(np.asarray(problem.spectrum(x, p))).max()) or 1.0
+
+
 # --- from the equations of the orbit --------------------------------------------------------------
 
 
@@ -178,14 +192,14 @@ def fold(place: Place, y: Array, accuracy: float) -> tuple[float, float] | None:
     """Return the coefficient b at SN, and its error."""
     problem, way, neutral = place.problem, place.direction, place.problem.stability.neutral
     x, p = y[:-1], y[-1:]
-    left = _left(problem, x, p, neutral)
+    left, unit = _left(problem, x, p, neutral), _unit(problem, x, p)
 
     def coefficient(h: float) -> float:
         first = _slope(lambda z: problem.pencil(z, p, neutral), x, way, h)
-        by_value = _slope(lambda mu: problem.pencil(x, p, mu), neutral, 1.0, h)
-        return float(-0.5 * (left @ first @ way) / (left @ by_value @ way))
+        by_value = _slope(lambda mu: problem.pencil(x, p, mu * unit), neutral, 1.0, h)
+        return float(-0.5 * unit * (left @ first @ way) / (left @ by_value @ way))
 
-    return _limit(coefficient, accuracy)
+    return _limit(coefficient, accuracy, unit)
 
 
 def flip(place: Place, y: Array, accuracy: float) -> tuple[float, float] | None:
@@ -205,7 +219,7 @@ def flip(place: Place, y: Array, accuracy: float) -> tuple[float, float] | None:
         cubic = left @ (second @ way / 6.0 + first @ mean)
         return float(0.5 * cubic / (left @ by_value @ way))
 
-    return _limit(coefficient, accuracy)
+    return _limit(coefficient, accuracy, 1.0)
 
 
 def _left(problem: Problem, x: Array, p: Array, value: complex) -> Any:
@@ -218,11 +232,11 @@ def _fold_side(place: Place) -> int:
     problem, way, x, p = place.problem, place.direction, place.y[:-1], place.y[-1:]
     neutral = problem.stability.neutral
     left = _left(problem, x, p, neutral)
-    slope = float(left @ problem.parameter_derivative(x, p)[:, 0])
+    slope = np.sign(left @ problem.parameter_derivative(x, p)[:, 0])
 
     def bend(h: float) -> float:
         first = _slope(lambda z: problem.pencil(z, p, neutral), x, way, h)
-        return -float(left @ first @ way) / slope
+        return -float(slope * (left @ first @ way))
 
     return _sign(bend)
 
@@ -234,17 +248,15 @@ def _unstable_side(place: Place, value: complex) -> int:
 
     def growth(h: float) -> float:
         first = _slope(lambda z: problem.pencil(z[:-1], z[-1:], value), y, place.tangent, h)
-        by_value = _slope(lambda mu: problem.pencil(y[:-1], y[-1:], mu), value, 1.0, h)
-        speed = -(left @ first @ way) / (left @ by_value @ way)
-        if problem.stability.periodic:
-            speed *= value.conjugate()
-        return float(speed.real)
+        by_value = _slope(lambda mu: problem.pencil(y[:-1], y[-1:], mu * value), 1.0, 1.0, h)
+        speed = -(left @ first @ way) / (left @ by_value @ way)  # in units of the value
+        return float((speed if problem.stability.periodic else speed * value / abs(value)).real)
 
     return _sign(growth) * int(np.sign(place.tangent[-1]))
 
 
 def _sign(estimate: Callable[[float], float]) -> int:
-    number, error = _limit(estimate, ROUNDING)
+    number, error = _limit(estimate, ROUNDING, 1.0)
     return int(np.sign(number)) if abs(number) > error else 0
 
 
@@ -267,7 +279,7 @@ def rotation(place: Place, y: Array, accuracy: float) -> tuple[float, float] | N
     found: Any = eig(here, left=True)
     values, lefts, rights = found
     k = int(np.argmin(abs(values - value)))
-    if not abs(values[k] - value) < _SAME * max(1.0, abs(value)):
+    if not _equal(values, value, problem.stability)[k]:
         return None  # the orbit is inadmissible, or the return map is that of another orbit
     q, adjoint = rights[:, k], lefts[:, k].conj()
     adjoint = adjoint / (adjoint @ q)
@@ -286,7 +298,7 @@ def rotation(place: Place, y: Array, accuracy: float) -> tuple[float, float] | N
         number = 0.5 * (adjoint @ cubic)
         return float((number / value if returns else number).real)
 
-    return _limit(coefficient, accuracy)
+    return _limit(coefficient, accuracy, abs(value) / size**2)
 
 
 def _velocity(problem: Problem, y: Array) -> tuple[Callable[[Array], Array], Array]:
@@ -317,8 +329,11 @@ def _both(
     return (ahead - behind) / (2.0 * h), (ahead - 2.0 * here + behind) / h**2
 
 
-def _limit(estimate: Callable[[float], float], accuracy: float) -> tuple[float, float]:
-    """Return the limit of an even function of the step at step zero, and its error."""
+def _limit(estimate: Callable[[float], float], accuracy: float, unit: float) -> tuple[float, float]:
+    """Return the limit of an even function of the step at step zero, and its error.
+
+    The unit is a typical size of the function.
+    """
 
     def row(h: float) -> tuple[Array, Array, float]:
         number = np.nan
@@ -329,7 +344,7 @@ def _limit(estimate: Callable[[float], float], accuracy: float) -> tuple[float, 
     # second differences at smaller steps are dominated by rounding
     count = int(np.log2(accuracy ** (-1.0 / 3.0)))
     steps = _FIRST / 2.0 ** np.arange(count)
-    found, error = extrapolated(map(row, steps.tolist()), 4.0, accuracy)
+    found, error = extrapolated(map(row, steps.tolist()), 4.0, accuracy * unit)
     if not np.isfinite(found[0]):
         return np.nan, np.inf
     wrong = _MARGIN * error[0] + _DERIVATIVES * accuracy * abs(found[0])

@@ -127,7 +127,13 @@ KINDS: Mapping[BifurcationKind, Kind] = {
 
 
 def condition_of(
-    kind: BifurcationKind, event: int, problem: Problem, x: Array, own: Array, p: Array
+    kind: BifurcationKind,
+    event: int,
+    problem: Problem,
+    x: Array,
+    own: Array,
+    p: Array,
+    widths: Array,
 ) -> tuple[Condition, Array]:
     """Return the condition of a bifurcation, and a guess of its additional unknowns.
 
@@ -141,7 +147,8 @@ def condition_of(
         Unknowns of a near orbit.
     own : (e,) array
         For NS the angle, for HB the frequency, otherwise a guess or an empty array.
-    p : (k,) array
+    p, widths : (k,) arrays
+        The free parameters and their units.
     """
     system = KINDS[kind].defining_system
     if system is None:
@@ -151,4 +158,4 @@ def condition_of(
         return condition, (own if len(own) == condition.unknowns else guess)
     if not len(own):
         own = np.zeros(system.unknowns)
-    return system(problem, x, own, p), own
+    return system(problem, x, own, p, widths), own

@@ -204,8 +204,9 @@ def solved(
     if kind is BifurcationKind.RS:
         own = np.ones(1)
     try:
-        condition, own = condition_of(kind, event, problem, guess[:-1], own, guess[-1:])
-        equations = BifurcationEquations(problem, condition, before.scale[-1:])
+        widths = before.scale[-1:]
+        condition, own = condition_of(kind, event, problem, guess[:-1], own, guess[-1:], widths)
+        equations = BifurcationEquations(problem, condition, widths)
         y = np.concatenate([guess[:-1], own, guess[-1:]])
         found = correct(equations, y, equations.scale(y), steps=15)
         place = np.append(found.y[: problem.size], found.y[-1])
@@ -213,7 +214,7 @@ def solved(
             return None
         x, own, p = equations.split(found.y)
         # the error bound uses null vectors and rounding errors at the solution
-        condition, _ = condition_of(kind, event, problem, x, own, p)
+        condition, _ = condition_of(kind, event, problem, x, own, p, widths)
         equations.condition = condition
         scale, jacobian = equations.scale(found.y), equations.full_jacobian(found.y)
         bound = error_bound(equations, jacobian, found.y, scale, None)

@@ -26,6 +26,8 @@ _DISTANCES = 10.0 ** np.arange(-2.0, -6.6, -0.5)
 _OFF = 0.25
 # Eigenvalues that agree so well are one eigenvalue, of a symmetry; relative to the modulus.
 _SAME = 1e-6
+# Least part of the square of a tangent's length that shows the unit of the parameter.
+_FLAT = 1e-4
 # Largest distance of the critical multiplier from 1. It is 1 at the start of the new branch, and -1
 # at its period doubling: this is an eighth of the way.
 _FROM_ONE = 0.25
@@ -70,7 +72,8 @@ def doubled(place: Place) -> list[Any]:
         return []
     twice, start, along = problem.doubled(y[:-1], direction)
     errors = np.append(abs(problem.doubled(y[:-1], error[:-1])[2]), error[-1])
-    orbit = _stepped(twice, np.append(start, y[-1:]), np.append(along, 0.0), errors)
+    begin = np.append(start, y[-1:])
+    orbit = _stepped(twice, begin, np.append(along, 0.0), errors, _width(place))
     if orbit.unknowns.size < len(start):
         raise NoConvergence("Newton's method found only the repeated orbit, not a doubled one")
     return [orbit]
@@ -79,7 +82,8 @@ def doubled(place: Place) -> list[Any]:
 def crossing(place: Place) -> list[Any]:
     """Return a near orbit on the branch that crosses at a BP."""
     problem, y, error, old = place.problem, place.y, place.error, place.tangent
-    equations = OrbitEquations(problem, _width(y))
+    width = _width(place)
+    equations = OrbitEquations(problem, width)
     scale = equations.scale(y)
     old = old / scale / np.linalg.norm(old / scale)
     directions = crossing_directions(equations, y, scale)
@@ -90,11 +94,11 @@ def crossing(place: Place) -> list[Any]:
         basis = np.linalg.svd(equations.jacobian(y) * scale)[2][-2:]
         along = basis @ old
         direction = np.array([-along[1], along[0]]) @ basis
-    return [_stepped(problem, y, direction * scale, error)]
+    return [_stepped(problem, y, direction * scale, error, width)]
 
 
-def _stepped(problem: Problem, y: Array, direction: Array, error: Array) -> Any:
-    """Return an orbit at a small distance along a direction.
+def _stepped(problem: Problem, y: Array, direction: Array, error: Array, width: float) -> Any:
+    """Return an orbit at a small distance along a direction; `width` is the parameter's unit.
 
     The distance is so small that the expansion y + e q + e^2 c + ... of the branch holds: at half
     the distance e along the direction q, the distance from the tangent is a fourth. The required
@@ -105,7 +109,7 @@ def _stepped(problem: Problem, y: Array, direction: Array, error: Array) -> Any:
     NoConvergence
         When there is none at any of the distances.
     """
-    equations = OrbitEquations(problem, _width(y))
+    equations = OrbitEquations(problem, width)
     scale = equations.scale(y)
     row = direction / scale
     row /= np.linalg.norm(row)
@@ -149,7 +153,8 @@ def born(place: Place) -> list[Any]:
     problem, at, direction = found
     error = np.append(np.full(len(at), abs(place.error[:m]).max()), place.error[-1])
     try:
-        return [_stepped(problem, np.append(at, y[-1:]), np.append(direction, 0.0), error)]
+        begin, along = np.append(at, y[-1:]), np.append(direction, 0.0)
+        return [_stepped(problem, begin, along, error, _width(place))]
     except NoConvergence as failure:
         away = abs(place.problem.spectrum(y[:m], y[-1:]) - 1j * place.own[0])
         if (away <= _SAME * abs(place.own[0])).sum() < 2:
@@ -179,5 +184,13 @@ def neighbours(place: Place) -> list[Any]:
     return list(found.values())
 
 
-def _width(y: Array) -> float:
-    return max(1.0, abs(float(y[-1])))
+def _width(place: Place) -> float:
+    """Return the unit of the parameter on the branch, in which its tangent has unit length.
+
+    Where the tangent hardly contains the parameter, it is the parameter's size, or one.
+    """
+    *way, change = place.tangent / OrbitEquations(place.problem, 1.0).scale(place.y)
+    rest = 1.0 - float(np.square(way).sum())
+    if rest > _FLAT and change:
+        return float(abs(change) / rest**0.5)
+    return max(1.0, abs(float(place.y[-1])))

@@ -248,7 +248,8 @@ class ImpactOscillator(ImpactMap):
         start : ImpactState, optional
             State near the orbit, for a machine with elements: its orbits are found from a motion.
             The motion from this state must stay near the orbit for three periods of the orbit. By
-            default the state after 700 impacts.
+            default the state after 700 impacts from four times the first start of `find_orbits`, so
+            that the orbit is the same in all units.
 
         Raises
         ------

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dynkit.core.cost import Cost
-from dynkit.core.validation import Array
+from dynkit.core.validation import Array, with_squares_in_range
 from dynkit.data.dataset import Dataset, described
 from dynkit.data.result import Saved
 from dynkit.systems.impact.elements.element import EventKind
@@ -117,13 +117,21 @@ def second_moments(
     """Moments of a run from its start to its last impact, which must be after the start.
 
     The edges (b + 1,) are the numbers of impacts between which the batches lie, from 0 to all.
+
+    Raises
+    ------
+    ValueError
+        When squares of modal coordinates or positions are out of range.
     """
     began = time.perf_counter()
     n = oscillator.degrees_of_freedom
     moments = np.zeros((len(edges) - 1, n + 1, n + 1))
     lost = np.zeros((n + 1, n + 1))
     nodes, smooth = 0, oscillator._motion is not None
-    for part in intervals(run):
+    parts = list(intervals(run))
+    sizes = [float(abs(part.starts).max(initial=0.0)) for part in parts]
+    with_squares_in_range("modal coordinates", np.array(sizes))
+    for part in parts:
         inner, own_lost = _closed_form(part, edges)
         largest = inner[:, :n, :n].sum(axis=0).max(initial=0.0)
         if not own_lost[:n, :n].max(initial=0.0) <= _LOST * largest:
@@ -143,6 +151,8 @@ def second_moments(
             f"intervals must not need more than {MOST_NODES} nodes of quadrature where modes merge"
         )
     total = float(moments[:, n, n].sum())
+    squares = np.diagonal(moments.sum(axis=0))[:n] / total
+    with_squares_in_range("root mean squares of positions", np.sqrt(squares))
     return SecondMoments(
         moments[:, :n, :n],
         moments[:, :n, n],

@@ -225,9 +225,9 @@ def start(
     return state_at(oscillator, x, v, turn, on[element], element, Motion.TABLE, closed + sticks)
 
 
-def own_start(oscillator: DrivenStructure) -> ImpactState:
-    """The default start, with the machine's characteristic length in place of one."""
-    return start(oscillator, None, None, 0.0, None, oscillator._length)
+def own_start(oscillator: DrivenStructure, lengths: float = 1.0) -> ImpactState:
+    """The default start, with this many characteristic lengths of the machine in place of one."""
+    return start(oscillator, None, None, 0.0, None, lengths * oscillator._length)
 
 
 def _sliding(oscillator: DrivenStructure, x: Array, turn: Array, given: object) -> Array:

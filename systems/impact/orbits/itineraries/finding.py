@@ -29,6 +29,7 @@ from dynkit.systems.impact.orbits.itineraries.simulated import run_for, simulate
 from dynkit.systems.impact.orbits.machine import machine_of
 from dynkit.systems.impact.orbits.orbit import NONE, ImpactOrbit
 from dynkit.systems.impact.simulation.sampling import sample_run, sample_sliders
+from dynkit.systems.impact.simulation.starts import own_start
 from dynkit.systems.impact.simulation.state import TWO_PI, ImpactState, without_shift
 from dynkit.systems.impact.simulation.trajectory import Ending, Trajectory
 
@@ -61,12 +62,18 @@ _CYCLE = 256
 """Largest number of returns to the section, and of switches, within which a cycle repeats."""
 
 
+_LENGTHS = 4.0
+"""Characteristic lengths from which a motion starts: outside a stick-slip cycle, which may
+surround a state at rest."""
+
+
 def orbit_from(system: ImpactMap, periods: object, start: ImpactState | None) -> ImpactOrbit:
     """Return the orbit near the motion from a state; by default after a transient."""
     m = positive_integer("periods", periods)
-    state = system._entered(start)
     if start is None:
-        state = system._run(state, _TRANSIENT, store=False).final
+        state = system._run(own_start(system, _LENGTHS), _TRANSIENT, store=False).final
+    else:
+        state = system._entered(start)
     return orbit_near(system, state, m)
 
 
