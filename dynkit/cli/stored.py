@@ -16,10 +16,10 @@ from dynkit.continuation.results.solution_curve import SolutionCurve
 from dynkit.core.no_motion import NoMotion
 from dynkit.data import store
 from dynkit.data.atomic_files import place
+from dynkit.dynamics.attractor import MapAttractor
 from dynkit.dynamics.equilibrium import equilibrium
 from dynkit.dynamics.flow import Flow
 from dynkit.dynamics.map import Map
-from dynkit.dynamics.map_attractor import MapAttractor
 from dynkit.orbits.equations import ProblemSolution
 from dynkit.orbits.map_orbit import MapOrbit
 from dynkit.orbits.newton import NoConvergence
