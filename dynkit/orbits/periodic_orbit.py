@@ -110,10 +110,10 @@ def _is_one_state(guess: Any) -> bool:
 
 
 def _solved(system: SmoothMap, states: Array) -> tuple[Array, tuple[float, ...]]:
-    x, guessed = states.ravel(), np.inf
+    x, guessed, left = states.ravel(), np.inf, np.inf
     history: tuple[float, ...] = ()
     # the units of a far guess are too coarse for the orbit that is found from it
-    while abs(x).max() < _COARSE * guessed:
+    while left > 0.0 and abs(x).max() < _COARSE * guessed:
         problem, guessed = MapProblem(system, x.reshape(states.shape)), abs(x).max()
         try:
             x, residuals = solve(problem, x, _NONE)
@@ -122,9 +122,10 @@ def _solved(system: SmoothMap, states: Array) -> tuple[Array, tuple[float, ...]]
                 f"{failure}; for period {len(states)} from {states[0].tolist()} of {system!r}"
             ) from failure
         history += residuals[min(len(history), 1) :]
-    # set coordinates below rounding to zero: otherwise rounding errors would become scales
-    cleared = np.where(abs(x) < 2.0**-52 * problem.scale(x), 0.0, x)
-    if abs(problem.residual(cleared, _NONE)).max() <= history[-1]:
+        # set coordinates below rounding to zero: otherwise rounding errors would become scales
+        cleared = np.where(abs(x) < 2.0**-52 * problem.scale(x), 0.0, x)
+        left = float(abs(problem.residual(cleared, _NONE)).max())
+    if left <= history[-1]:
         x = cleared
     return x, history
 

@@ -384,3 +384,22 @@ def test_an_orbit_from_a_far_guess_is_as_accurate_as_from_a_near_one(far: float)
 def test_a_far_guess_finds_no_orbit_where_there_is_none(far: float) -> None:
     with pytest.raises(NoConvergence):
         periodic_orbit(Parabola(c=1.0), [far])
+
+
+class Cubic(Map):
+    """A linear map and products of the coordinates: the origin is a fixed point."""
+
+    dimension = 2
+
+    def __call__(self, state: Array) -> Array:
+        x, y = finite_array("state", state, (2,))
+        return np.array([0.3 * x - 0.7 * y + 0.9 * x * y, 1.3 * x + 0.2 * y - 0.4 * x**2])
+
+
+@pytest.mark.parametrize("period", [1, 2, 3])
+@pytest.mark.parametrize("far", [1e-6, 0.1])
+def test_a_fixed_point_at_the_origin_is_found(far: float, period: int) -> None:
+    guess = far * np.array([[1.0, -0.7], [0.4, 0.9], [-0.8, 0.3]])[:period]
+    orbit = periodic_orbit(Cubic(), guess)
+    assert orbit.label == "P(1)"
+    assert (orbit.states == 0.0).all()
