@@ -146,8 +146,8 @@ def harmonics_of(values: object, frequency: float) -> Harmonics:
     less where the velocity reverses between two samples. The rounding of the samples, and the
     difference of the last and the first sample, are added.
 
-    Fewer than 16 intervals may miss bends: then the largest distance of a sample from the mean is
-    added. Harmonics above n/2 that the samples do not show at all remain unnoticed.
+    Fewer than 16 intervals may miss bends: then the largest value of the harmonics above n/8 at a
+    sample is added. Harmonics above n/2 that the samples do not show at all remain unnoticed.
 
     A jump of x by J, as of velocities at impacts, changes them by at most (1/4 + 1/pi^2)^(1/2) J /
     n. It has two successive second differences of opposite sign: the smaller one of each such pair
@@ -193,7 +193,8 @@ def harmonics_of(values: object, frequency: float) -> Harmonics:
     period = samples[:-1]
     # without the mean: the transform of a large constant would add rounding to all coefficients
     moving = period - period.mean()
-    coefficients = np.asarray(np.fft.rfft(moving)[1 : (n - 1) // 2 + 1] / n)
+    transform = np.fft.rfft(moving)
+    coefficients = np.asarray(transform[1 : (n - 1) // 2 + 1] / n)
     # jumps of the slope, times the interval T / n
     bends = np.diff(period, 2, prepend=period[-1], append=period[0])
     after = np.roll(bends, -1)
@@ -201,7 +202,8 @@ def harmonics_of(values: object, frequency: float) -> Harmonics:
     folded = (_OF_BENDS * abs(bends).sum() + (_OF_JUMPS - 2.0 * _OF_BENDS) * jumps.sum()) / n
     gap = abs(float(samples[-1] - samples[0]))
     rounding = 2.0**-52 * math.log2(2 * n) * float(abs(samples).max())
-    missed = float(abs(moving).max()) if n < _BENT else 0.0
+    transform[: n // 8 + 1] = 0.0
+    missed = float(abs(np.fft.irfft(transform, n)).max()) if n < _BENT else 0.0
     return Harmonics(
         fundamental,
         coefficients,

@@ -87,6 +87,13 @@ def test_error_estimate_holds_for_few_samples(samples: int, fall: str) -> None:
     assert exceeded <= 4  # one in a thousand, and chance
 
 
+@pytest.mark.parametrize("samples", range(8, 16))
+def test_error_estimate_of_a_smooth_motion_of_few_samples_is_small(samples: int) -> None:
+    turns = TWO_PI * np.arange(samples + 1) / samples
+    found = harmonics_of(np.cos(turns) + 0.1 * np.sin(2.0 * turns), 1.0)
+    assert found.error < 0.2
+
+
 @pytest.mark.parametrize("phase", [0.0, 0.3, 0.7123])
 def test_error_estimate_holds_wherever_the_kinks_are(phase: float) -> None:
     found = harmonics_of(triangle(np.linspace(0.0, 1.0, 101) + phase / 100.0), TWO_PI)
