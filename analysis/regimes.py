@@ -40,8 +40,9 @@ _REPETITIONS, _LEAST, _LONGER = 3, 100, 5
 """Least number of periods, and of values, in which a column recurs before it counts as periodic,
 and least ratio of this number to those for which it was constant, or recurred, shortly before. For
 constant columns this is a time that is the same ratio shorter than the recurrence, at least
-`_SHORTEST` values; for others these values. Chaos does not stay within the tolerance for so long,
-unless the column is constant or periodic between rare events."""
+`_SHORTEST` values; for others these values. Two earlier times in which the column was constant
+count wherever they are. Chaos does not stay within the tolerance for so long, unless the column is
+constant or periodic between rare events."""
 
 
 @final
@@ -72,13 +73,13 @@ def regime_change(series: Array, *, growths: int = 0) -> RegimeChange | None:
     """Return the change of regime of a run; None where no change is detected.
 
     A run becomes periodic where a column recurs to 1e-6 at its end, for at least three periods, a
-    hundred values and five times as long as it was constant in a time before that is a fifth as
-    long (and 200 values at least), or recurred in the 200 values before; the change is where the
-    column begins to recur to 1e-2. Columns that recur to 1e-6 throughout are left out. Otherwise,
-    in runs of 400 values and more, the means of each column over 64 parts are tested for a change
-    with at least 200 values on each side. The test normalises the difference of the means before
-    and after a part by partial sums on both sides; the remaining correlation of neighbouring parts
-    is accounted for.
+    hundred values and five times as long as it was constant twice before, or once in a time before
+    that is a fifth as long (and 200 values at least), or recurred in the 200 values before; the
+    change is where the column begins to recur to 1e-2. Columns that recur to 1e-6 throughout are
+    left out. Otherwise, in runs of 400 values and more, the means of each column over 64 parts are
+    tested for a change with at least 200 values on each side. The test normalises the difference of
+    the means before and after a part by partial sums on both sides; the remaining correlation of
+    neighbouring parts is accounted for.
 
     The probability of a false alarm is at most 0.5 % for all columns together; instead of more than
     50 columns, 50 sums with fixed pseudo-random signs are tested. It is 0.1 % for independent
@@ -162,18 +163,17 @@ def _periodic_from(column: Array) -> tuple[int, float] | None:
                 steps = np.flatnonzero(abs(np.diff(column[: ends[-1] + 1])) > near)
                 steps = np.append(steps, ends[-1])
                 lasting = len(apart) - 1 - ends[-1]
-                constant = _longest(steps, max(lasting // _LONGER, _SHORTEST))
-                if lasting < _LONGER * max(constant, _longest(ends, _SHORTEST)):
+                runs = np.diff(steps, prepend=-1) - 1
+                shortly = runs[steps >= ends[-1] - max(lasting // _LONGER, _SHORTEST)].max()
+                # one earlier rest may be another regime, two are part of the motion
+                constant = max(shortly, np.sort(runs)[-2:-1].max(initial=0))
+                recurs = (np.diff(ends, prepend=-1) - 1)[ends >= ends[-1] - _SHORTEST].max()
+                if lasting < _LONGER * max(constant, recurs):
                     return None
             growth = float(column[-period:].mean()) - near
             far = np.flatnonzero(apart > near * _NEAR / _TOLERANCE)
             return (int(far[-1]) + 1 if len(far) else min(len(ends), 1) - 1), growth
     return None
-
-
-def _longest(ends: NDArray[np.intp], latest: int) -> int:
-    """Return the longest of the runs with these ends that end in a time before the last one."""
-    return int((np.diff(ends, prepend=-1) - 1)[ends >= ends[-1] - latest].max())
 
 
 def _statistic(means: Array, allowed: NDArray[np.bool_]) -> tuple[Array, NDArray[np.intp]]:

@@ -209,6 +209,12 @@ def test_a_burst_between_rests_hides_no_change(lasting: int) -> None:
     assert change.at == 2000
 
 
+@pytest.mark.parametrize("lasting", [150, 299, 500])
+def test_bursts_between_many_rests_are_no_change(lasting: int) -> None:
+    parts = [part for k in range(10) for part in (np.full(300, 0.3), noise(300, 10)[:, k])]
+    assert regime_change(np.concatenate([*parts, np.full(lasting, 0.3)])[:, None]) is None
+
+
 class Compared(np.ndarray):
     """Numbers that count how many of them are subtracted."""
 
