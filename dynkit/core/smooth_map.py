@@ -234,6 +234,11 @@ class SmoothMap(Family, ABC):
         """Return the coordinates (n,) of states (n, d), by name; diagrams of orbits draw them."""
         return {f"state[{i}]": column for i, column in enumerate(states.T)}
 
+    @property
+    def _section_axes(self) -> tuple[str, str] | None:
+        """Names of the observables that pages of a section show; None for the coordinates."""
+        return None
+
     def return_time(self, state: Array) -> float:  # noqa: ARG002
         """Return the time from a state, (d,), to the next: by default one, the iterate.
 

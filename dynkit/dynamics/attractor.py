@@ -189,8 +189,7 @@ class Attractor(Viewed, Extensible, Result, ABC):
 
     def _page(self, motions: int) -> Page:
         title = f"Attractor, {self.label}"
-        names = self.system.observables
-        return page_of_section(title, self, names, lambda _: self._series(), motions)
+        return page_of_section(title, self, lambda _: self._series(), motions)
 
     @property
     def _kept(self) -> int:

@@ -215,9 +215,7 @@ class PeriodicOrbit(Viewed, ProblemSolution):
     def _page(self, motions: int) -> Page:
         look = "stable" if self.stable else "unstable"
         look, title = look if self.admissible else "inadmissible", self._caption()
-        return page_of_section(
-            title, self, self.observables, lambda _: self._series(), motions, look
-        )
+        return page_of_section(title, self, lambda _: self._series(), motions, look)
 
     @property
     def observables(self) -> Sequence[str]:

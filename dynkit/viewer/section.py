@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import replace
 from typing import Any
 
@@ -12,13 +12,10 @@ from dynkit.core.validation import Array
 from dynkit.viewer.page import LOOKS, Page, page_of_motions
 from dynkit.viewer.series import Series
 
-_OF_IMPACTS = ("phase", "relative_velocity")
-
 
 def page_of_section(
     title: str,
     motion: Any,
-    names: Sequence[str],
     series: Callable[[int], Series],
     motions: int,
     look: str = "motion",
@@ -30,8 +27,6 @@ def page_of_section(
     title : str
     motion : Attractor or PeriodicOrbit
         Something with a `system`, `states` and ``observable(name)``.
-    names : sequence of str
-        Its observables.
     series : callable
         Returns the time series of the whole motion; its argument has no effect.
     motions : int
@@ -39,7 +34,7 @@ def page_of_section(
     look : str
         One of `LOOKS`.
     """
-    (across, x), (up, y) = _plane(motion, names)
+    (across, x), (up, y) = _plane(motion)
     page = page_of_motions(title, (across, up), max(len(x), 1), np.arange(len(x)), x, y)
     page = replace(page, look=page.look + LOOKS.index(look))
     if len(x):
@@ -49,10 +44,10 @@ def page_of_section(
     return page.with_series(motions, series, chosen=[0])
 
 
-def _plane(motion: Any, names: Sequence[str]) -> list[tuple[str, Array]]:
+def _plane(motion: Any) -> list[tuple[str, Array]]:
     """Return names and columns of both axes of a section."""
-    if set(_OF_IMPACTS) <= set(names):
-        return [(name, motion.observable(name)) for name in _OF_IMPACTS]
+    if names := motion.system._section_axes:
+        return [(name, motion.observable(name)) for name in names]
     states = motion.states
     first, *others = motion.system.coordinates(states).items()
     if others:

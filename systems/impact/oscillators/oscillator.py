@@ -129,6 +129,11 @@ class ImpactOscillator(ImpactMap):
         own = super().observables if self._strobed else OF_IMPACTS
         return (*own, *(["element"] if self._several else []), *names_along(self))
 
+    @property
+    @final
+    def _section_axes(self) -> tuple[str, str] | None:
+        return None if self._strobed else ("phase", "relative_velocity")
+
     # --- simulation -------------------------------------------------------------------------------
 
     @final

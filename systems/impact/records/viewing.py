@@ -82,8 +82,7 @@ def page_of_record(record: Any, motions: int) -> Page:
     def series(_: int) -> Series:
         return series_of(system, record.sample, record.start.phase, end, record.time)
 
-    names = system.observables
-    return page_of_section("Record of a motion", record, names, series, motions)
+    return page_of_section("Record of a motion", record, series, motions)
 
 
 def _named(letter: str, coordinate: int) -> str:
