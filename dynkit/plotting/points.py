@@ -77,7 +77,7 @@ def draw_motion(
     """Draw values (k,) against time: stops, (k,) each by name, dashed, and impacts as dots."""
     axes = shown_axes(ax, height=1.8)
     axes.plot(times, values, color=colour(0), linewidth=0.8, label=name)
-    without_rounding(axes)
+    without_rounding(axes, "y")
     for label, stop in (stops or {}).items():
         axes.plot(times, stop, "--", color=colour(1), linewidth=0.6, label=label)
     if impacts is not None and len(impacts[0]):
@@ -108,11 +108,12 @@ def draw_points(ax: Axes | None, points: Array, names: Sequence[str]) -> Axes:
     return axes
 
 
-def without_rounding(axes: Axes) -> None:
-    """Extend the axes along which all that is drawn differs by rounding only."""
+def without_rounding(axes: Axes, ways: str = "xy") -> None:
+    """Extend those of the axes along which all that is drawn differs by rounding only."""
     low, high = axes.dataLim.get_points()
     size = np.maximum(abs(low), abs(high))
-    wide = np.where(high - low < _ALIKE * size, _WIDE * size, 0.0)
+    alike = (high - low < _ALIKE * size) & [way in ways for way in "xy"]
+    wide = np.where(alike, _WIDE * size, 0.0)
     if np.isfinite(wide).all():
         axes.update_datalim([low - wide, high + wide])
         axes.autoscale_view()

@@ -11,7 +11,7 @@ from dynkit.analysis import BifurcationDiagram, ImpactSection, TimeSeries
 from dynkit.core.validation import Array
 from dynkit.dynamics.map import Map
 from dynkit.plotting.figures import new_figure
-from dynkit.plotting.points import PHASE, draw_points
+from dynkit.plotting.points import PHASE, draw_motion, draw_points
 from dynkit.systems import (
     BouncingBall,
     Henon,
@@ -120,6 +120,11 @@ def test_axes_do_not_show_rounding() -> None:
     draw_points(axes, np.array([[3.0, 7.0]]), ("x", "y"))  # what was drawn before is still shown
     assert axes.get_ylim()[0] < 0.227
     assert axes.get_ylim()[1] > 7.0
+
+
+def test_a_short_time_long_after_the_start_fills_its_axis() -> None:
+    axes = draw_motion(new_figure()[1][0], 1e10 + np.arange(5.0), np.zeros(5), "x")
+    assert np.diff(axes.get_xlim()) < 5.0
 
 
 @pytest.mark.parametrize("system", [Logistic(rate=3.5), Henon()])
