@@ -197,7 +197,7 @@ class Asked(dict[str, Any]):
         ValueError
             When one of the names was given there.
         """
-        self.refuse(self.typed.intersection(names), why)
+        self.refuse((name for name in names if name in self.typed), why)
 
     def chain(self, **swept: float) -> ImpactChain:
         """Return the chain; ValueError when the frequency is missing or a value is refused."""
