@@ -46,6 +46,10 @@ _BATCHES, _WATCHED, _ITERATES = 64, 4096, 2048
 """Largest numbers of batches: for errors, for tests of a change of regime, and for logarithms of
 iterates."""
 
+_FAR = 2.0**256
+"""Values farther from zero than this, in units of a histogram's edges, count as this far in tests
+of a change of regime."""
+
 _CHUNK = 1 << 18
 """Number of samples in time that are computed together."""
 
@@ -193,8 +197,8 @@ class RunningHistogram(Running):
 
         self._counts.add(len(values), counts)
         unit = max(abs(self.low), abs(self.high))
-        scaled = values / 2.0 ** math.floor(math.log2(unit))
-        with_squares_in_range("observable, in units of the edges,", scaled)
+        # squares of values far beyond the edges do not overflow, those of far smaller ones vanish
+        scaled = np.clip(values / 2.0 ** math.floor(math.log2(unit)), -_FAR, _FAR)
         self._watched.add_rows(with_squares(scaled[:, None]))
 
     def result(self) -> Histogram:

@@ -171,6 +171,14 @@ def test_a_histogram_is_the_same_in_all_units(size: float) -> None:
     assert scaled.change == known.change
 
 
+@pytest.mark.parametrize("size", [2.0**-600, 2.0**600])
+def test_a_histogram_counts_values_far_from_its_edges(size: float) -> None:
+    running = RunningHistogram("state[0]", low=-1.0, high=1.0, bins=2)
+    found = after(running, LogisticOf(size).stream(start=[0.3 * size], keep=500, block=500))
+    inside, above = found.counts.tolist(), found.outside[1]
+    assert (inside, above) == (([0, 500], 0) if size < 1.0 else ([0, 0], 500))
+
+
 @pytest.mark.parametrize("about", ["origin", "mean"])
 def test_pod_is_that_of_the_attractor(about: Any) -> None:
     found = after(RunningPOD(about=about), stream_of(CHAIN, 600, 70))
