@@ -618,6 +618,28 @@ def test_impacts_at_one_instant_where_all_masses_are_at_zero_are_ambiguous(
     assert record.ambiguous == 0
 
 
+@pytest.mark.parametrize("weight", [0.08, 0.11, 0.14])
+@pytest.mark.parametrize("drive", [0.3j, -0.3j])
+def test_friction_holds_a_mass_that_its_table_leaves_where_it_turns(
+    drive: complex, weight: float
+) -> None:
+    # at the turn the friction changes its sign, so that the contact ends there
+    exact = MatrixOscillator(
+        M=[[1.0]],
+        C=[[0.0]],
+        K=[[0.0]],
+        frequency=1.0,
+        harmonic_forces=[drive],
+        constant_forces=[-weight],
+        elements=[HardStop(0, amplitude=0.2, restitution=0.0), DryFriction(0, force=0.3)],
+    )
+    machines = exact, disguised(exact)
+    records = [k.simulate(impacts=5, start=k.state([0.0], [0.2])) for k in machines]
+    for record in records:
+        assert record.sample([2.0])[0] == pytest.approx(np.array([[0.2]]), abs=1e-14)
+    assert records[1].time == pytest.approx(records[0].time, abs=1e-12)
+
+
 def test_a_motion_that_runs_away_is_named() -> None:
     duffing = ImpactDuffing(frequency=1.0, cubic=-1.0, amplitude=0.0, offset=-9.0)
     with pytest.raises(Diverged, match="the motion runs away"):

@@ -202,10 +202,19 @@ class Position:
         self._touch()
 
     def _again(self, element: int) -> None:
-        """After a change of mode, let masses come to rest on stops where they did not before."""
+        """After a change of mode at an element, decide again what other elements do.
+
+        Masses may come to rest on stops where they did not before. Slip that began at the same time
+        halts where the forces in the new mode would reverse it.
+        """
         for k, motion in enumerate(self._motion):
             if motion == BOUNCES and k != element:
                 self._motion[k] = BOUNCED
+        others = {k for k, motion in enumerate(self._motion) if motion == SWITCHED and k != element}
+        for i, (k, watch) in enumerate(self._mode.guards if others else ()):
+            if k in others and watch.halts and k in self._chart.speeds and self._falls(i):
+                speed = self._above(SWITCHED) * watch.rate
+                self._z[self._half + self._chart.speeds[k]] = speed  # the next event halts it
 
     def _canonical(self, k: int) -> None:
         """Take the coordinates with which a simulation would begin from this state.
