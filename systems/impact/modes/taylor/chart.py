@@ -41,6 +41,20 @@ smaller, needs order 20. For variables below one the tolerance is absolute: see 
 _SHORTEST = 1e-3
 """Smallest limit of the step length, in radians of the phase."""
 
+ROUNDING = 2.0**-44
+"""Rounding error of a sum, relative to the sum of its absolute terms."""
+
+_FINER, _FINEST = 0.25, 0.01
+"""Where an impact was missed, the flight is repeated with steps shorter by this factor, down to
+this part of the first step."""
+
+_FINE = 1e-8, 1e-6, 1e-4, 1e-2
+"""Parts of a period at which the first steps of a repeated flight end."""
+
+_RISE = 4.0
+"""A gap that rises from -d at rest, as t^n, is zero at a time whose product with its rate is n d;
+largest n for which d counts as the depth."""
+
 _CHUNK, _MOST = 1_000, 200_000
 """Largest number of steps of Taylor's method in one call, and in one flight."""
 
@@ -76,15 +90,28 @@ def _method(plan: Plan) -> dict[str, Any]:
 
 @lru_cache(_MOST_KEPT)
 def _integrator(plan: Plan) -> _Compiled:
-    """Integrator of a plan; its terminal events are the zeros of the guards."""
+    """Integrator of a plan; its terminal events are the zeros of the guards.
+
+    Where a gap becomes positive, an impact was missed, or the gap was negative by rounding. To
+    detect this costs nothing if both directions are one event, but only with two events, which a
+    careful plan has, can the motion continue.
+    """
     hy = _heyoka()
     variables, rates, guards = system_of(hy, plan)
-    down = hy.event_direction.negative
+    down, both, up = (getattr(hy.event_direction, name) for name in ("negative", "any", "positive"))
+    ways = [both if i in plan.impacts else down for i in range(len(guards))]
+    if plan.careful:
+        ways = [down] * len(guards)
+    events = [
+        hy.t_event(guard, direction=way, cooldown=0.0)
+        for guard, way in zip(guards, ways, strict=True)
+    ]
+    events += [hy.t_event(guards[i], direction=up) for i in plan.impacts if plan.careful]
     made = hy.taylor_adaptive(
         list(zip(variables, rates, strict=True)),
         [0.0] * len(variables),
         compact_mode=len(variables) > _LARGE,
-        t_events=[hy.t_event(guard, direction=down, cooldown=0.0) for guard in guards],
+        t_events=events,
         **_method(plan),
     )
     return _Compiled(made)
@@ -218,6 +245,7 @@ class Chart:
         self.places = dict(plan.stops) | {k: more[k] for k in parted}
         self.speeds = dict((*plan.stops, *plan.rubs)) | self.springs | more
         self.lock = RLock()
+        self._half = len(self.to_x) + len(self._more)
         self._plain = bool((self.to_x == np.eye(len(self.to_x))).all()) and not plan.rubs
 
     @cached_property
@@ -225,8 +253,10 @@ class Chart:
         """The integrator of this chart, with its numbers set."""
         made = copy.copy(_integrator(self.plan).integrator)
         made.pars[:] = self._pars[: len(made.pars)]
-        size = 2 * (len(self.to_x) + len(self._more))
-        self._z_of, self._turn_of, self._pars_of = *np.split(made.state, [size]), made.pars
+        size = 2 * self._half
+        self._state_of, self._pars_of = made.state, made.pars
+        self._z_of, self._turn_of = np.split(self._state_of, [size])
+        self._now = memoryview(self._state_of)  # its numbers are read in a third of the time
         return made
 
     @cached_property
@@ -273,7 +303,7 @@ class Chart:
 
     def coordinates(self, x: Array, v: Array, sine: float, cosine: float) -> Array:
         """Coordinates (M,) of positions (N + J,) and velocities (N,), or (N + J,)."""
-        n, rate = self._size, self._pars[1]
+        n = self._size
         more_x, more_v = self.shifts(sine, cosine)
         v = v[:n]
         parts = self.to_x @ x - more_x, self.to_v @ v - more_v
@@ -283,13 +313,19 @@ class Chart:
         gaps, rates, x = [], [], x[:n]
         parts[0][n:] = reach - side * (parts[0][n:] + self._along(x))
         for k in (*self.plan.sliders, *self._more):
-            sign, real, imaginary, offset, drift = self._own[k, :5]
-            place = offset + real * sine + imaginary * cosine
-            speed = drift + rate * (real * cosine - imaginary * sine)
-            gaps += [sign * (float(self.curves[k](x)) - place)] if k in self.places else []
+            gap, rate = self._gap(k, x, v, sine, cosine)
+            gaps += [gap] if k in self.places else []
             gaps += [0.0] if k in self.plan.dragged else []
-            rates.append(sign * (float(self._row(k, x) @ v) - speed))
+            rates.append(rate)
         return np.concatenate([parts[0], gaps, parts[1], rates])
+
+    def _gap(self, k: int, x: Array, v: Array, sine: float, cosine: float) -> tuple[float, float]:
+        """Gap of an element and its rate, at positions and velocities (N,)."""
+        sign, real, imaginary, offset, drift = self._own[k, :5]
+        place = offset + real * sine + imaginary * cosine
+        speed = drift + self._pars[1] * (real * cosine - imaginary * sine)
+        along = self.curves[k](x) if k in self.curves else self.rows[k] @ x
+        return sign * (float(along) - place), sign * (float(self._row(k, x) @ v) - speed)
 
     def _along(self, x: Array) -> Array:
         """Terms of the stretches (..., J) along functions that bare coordinates leave out."""
@@ -366,7 +402,8 @@ class Chart:
         """Advance coordinates (M,), modified in place, to the first guard.
 
         The caller must hold `lock`. If no guard is reached within the duration, the coordinates do
-        not change, and `reached` has those at the end.
+        not change, and `reached` has those at the end. A flight in which heyoka missed an impact is
+        repeated with shorter steps.
 
         Parameters
         ----------
@@ -384,25 +421,29 @@ class Chart:
         Raises
         ------
         Diverged, CannotFollow
-            When the motion runs away, or the step length becomes too small.
+            When the motion runs away, or the step length becomes too small, also because impacts
+            are missed.
         """
         made, steps, guards = self.load(z, sine, cosine), 0, len(self.plan.guards)
         _, step_limit, time_limit = _outcomes()
+        limit = math.inf
         if pace < math.inf:
             # the first step may be very short, as a guard may end it
-            pace = max(pace * abs(made.step()[1]), _SHORTEST / self._pars[1])
+            limit = max(pace * abs(made.step()[1]), _SHORTEST / self._pars[1])
             self.load(z, sine, cosine)
         stations = [*early, longest]
         limits: dict[str, Any] = {"max_steps": _CHUNK}
         if self.curves:  # steps along a free flight, a polynomial, have no limit of their own
-            pace = min(pace, math.tau / self._pars[1])
-        if pace < math.inf:
-            limits["max_delta_t"] = pace
+            limit = min(limit, math.tau / self._pars[1])
+        if limit < math.inf:
+            limits["max_delta_t"] = limit
         while True:
             outcome, _, _, count, _, _ = made.propagate_until(stations[0], **limits)
             steps += count
             number = int(outcome)
             if number >= -guards:
+                if self._open and self._amiss(z, sine, cosine, -1 - number):
+                    return self._again(z, sine, cosine, longest, pace, early)
                 z[:] = self._z_of
                 return self._events[-1 - number], made.time, steps
             z_end, time = self._z_of, made.time
@@ -410,8 +451,16 @@ class Chart:
                 stations.pop(0)
                 if stations:
                     continue
+                if self._open and self._amiss(z, sine, cosine):
+                    return self._again(z, sine, cosine, longest, pace, early)
                 return -1, time, steps
-            if not np.isfinite(z_end).all() or number != step_limit:
+            if number >= -guards - len(self._open):
+                k = self._open[-1 - guards - number][1]
+                if self._rises(k, z, sine, cosine):
+                    return self._again(z, sine, cosine, longest, pace, early)
+                if (steps := steps + 1) < _MOST:
+                    continue
+            elif not np.isfinite(z_end).all() or number != step_limit:
                 raise Diverged(f"the motion runs away within {time:.6g} from {z.tolist()}")
             if time < 1e-9 * steps * min(1.0, longest):
                 raise CannotFollow(
@@ -420,6 +469,121 @@ class Chart:
                 )
             if steps >= _MOST:
                 return -2, time, steps
+
+    # --- impacts that heyoka misses ---------------------------------------------------------------
+
+    @cached_property
+    def _open(self) -> list[tuple[int, int, int, int]]:
+        """For each stop in flight, its guard, its number, and the places of its gap and rate.
+
+        The places are -1 if they are not coordinates.
+        """
+        found = []
+        for i in self.plan.impacts:
+            k = self.plan.guards[i]
+            carried = k in self.places
+            places = (self.places[k], self._half + self.speeds[k]) if carried else (-1, -1)
+            found.append((i, k, *places))
+        return found
+
+    @cached_property
+    def _lines(self) -> dict[int, tuple[Array, Array]]:
+        """Gaps and rates that are no coordinates, as affine functions of the integrator's state.
+
+        Their stops do not act along functions.
+        """
+        size = 2 * self._half + len(self._turn_of)
+        unit = np.vstack([np.zeros(size), np.eye(size)])
+        found = {}
+        for _, k, place, _ in self._open:
+            if place < 0:
+                values = np.array([self._gap(k, *self._motion_of(state)) for state in unit])
+                found[k] = (values[1:] - values[0]).T.copy(), values[0]
+        return found
+
+    def _motion_of(self, state: Array) -> tuple[Array, Array, float, float]:
+        """Positions and velocities (N,), sine and cosine, of a state of the integrator."""
+        turn = state[2 * self._half :].tolist() or (0.0, 0.0)
+        x, v = self.motion(state[: 2 * self._half], *turn)
+        return x[: self._size], v, *turn
+
+    def _pair(self, k: int, state: Array) -> tuple[float, float]:
+        """Gap of a stop in flight and its rate, at a state of the integrator."""
+        if k in self.places:
+            return float(state[self.places[k]]), float(state[self._half + self.speeds[k]])
+        matrix, start = self._lines[k]
+        gap, rate = (matrix @ state + start).tolist()
+        return gap, rate
+
+    def _depth(self, k: int, z: Array, sine: float, cosine: float) -> float:
+        """Rounding error of a gap; or how far below zero it is at coordinates (M,), if further."""
+        begin = np.append(z, (sine, cosine) if len(self._turn_of) else ())
+        x, *_ = self._motion_of(begin)
+        _, real, imaginary, offset = self._own[k, :4]
+        size = abs(self._row(k, x)) @ abs(x) + abs(offset) + math.hypot(real, imaginary)
+        return max(ROUNDING * float(size), -self._pair(k, begin)[0])
+
+    def _amiss(self, z: Array, sine: float, cosine: float, hit: int = -1) -> bool:
+        """Whether an impact was missed in a flight from coordinates (M,) to the present state.
+
+        If the chart is not careful, this may be due to rounding errors.
+        """
+        state, now, careful = self._state_of, self._now, self.plan.careful
+        for i, k, place, speed in self._open:
+            if i == hit:
+                rate = now[speed] if place >= 0 else self._pair(k, state)[1]
+                if not (rate < 0.0 or careful):
+                    return True
+                continue
+            gap = now[place] if place >= 0 else self._pair(k, state)[0]
+            least = _RISE * self._depth(k, z, sine, cosine) if gap < 0.0 and careful else 0.0
+            if gap < -least:
+                return True
+        return False
+
+    def _rises(self, k: int, z: Array, sine: float, cosine: float) -> bool:
+        """Whether a gap that becomes positive was negative by more than rounding errors."""
+        _, rate = self._pair(k, self._state_of)
+        depth: float = rate * self.integrator.time
+        return depth > _RISE * self._depth(k, z, sine, cosine)
+
+    @cached_property
+    def _careful(self) -> Chart:
+        """The same coordinates, with events of gaps that become positive."""
+        ways = (self.to_x, self.to_v), (self.back_x, self.back_v)
+        return Chart(
+            replace(self.plan, careful=True),
+            self._pars,
+            self._own,
+            *ways,
+            self.rows,
+            self.curves,
+            self._joints,
+            self._events,
+        )
+
+    def _again(
+        self,
+        z: Array,
+        sine: float,
+        cosine: float,
+        longest: float,
+        pace: float,
+        early: Sequence[float],
+    ) -> tuple[int, float, int]:
+        """Repeat a flight in which an impact may be missed: carefully, then with shorter steps."""
+        if not self.plan.careful:
+            found = self._careful.fly(z, sine, cosine, longest, pace, early)
+            self._state_of[:] = self._careful._state_of
+            return found
+        if pace < _FINEST:
+            raise CannotFollow(
+                f"the motion from {z.tolist()} cannot be followed: an impact is missed, also with "
+                f"steps of {pace:.1e} times the length that Taylor's method chooses"
+            )
+        fine = {t for part in _FINE if (t := part * math.tau / self._pars[1]) < longest}
+        finer = _FINER * min(pace, 1.0), sorted({*early, *fine})
+        return self.fly(z, sine, cosine, longest, *finer)
 
     @property
     def reached(self) -> Array:

@@ -9,7 +9,7 @@ import numpy as np
 
 from dynkit.core.kept import cached_property, kept
 from dynkit.core.validation import Array
-from dynkit.systems.impact.elements.element import Regime, Watch
+from dynkit.systems.impact.elements.element import IMPACT, Regime, Watch
 from dynkit.systems.impact.elements.stops import HardStop
 from dynkit.systems.impact.modes.constrained import pushes
 from dynkit.systems.impact.modes.structure import independent, pivots_of
@@ -108,6 +108,7 @@ class Charts:
             normals=tuple(scene.normal.items()),
             dragged=scene.dragged if rubs else (),
             digits=digits_of(scene.largest),
+            impacts=tuple(i for i, (_, w) in enumerate(self._guards) if w and w.event == IMPACT),
         )
         head = [0.0, scene.excitation.frequency]
         of_curves = [function.numbers for function in scene.curves.values()]

@@ -57,6 +57,10 @@ class Plan:
         Friction whose slip velocity is a further variable, since other coordinates determine it.
     digits : int
         Bits by which the tolerance is below that for variables of order one, see `digits_of`.
+    impacts : tuple of int
+        Numbers of the guards that are gaps of stops in flight, which are never negative.
+    careful : bool
+        Whether an event that follows those of the guards is the rise of a gap to zero.
     """
 
     equations: Equations
@@ -74,12 +78,14 @@ class Plan:
     normals: tuple[tuple[int, int], ...] = ()
     dragged: tuple[int, ...] = ()
     digits: int = 0
+    impacts: tuple[int, ...] = ()
+    careful: bool = False
 
     @property
     def without_guards(self) -> Plan:
         """The same plan without guards, whose numbers come last, and without further variables."""
         kinds = self.kinds[: len(self.kinds) - _WATCHED * len(self.guards)]
-        return replace(self, kinds=kinds, guards=(), carries=False)
+        return replace(self, kinds=kinds, guards=(), impacts=(), careful=False, carries=False)
 
     @property
     def size(self) -> int:

@@ -20,7 +20,7 @@ from dynkit.systems.impact.modes.constrained import (
     pushes,
 )
 from dynkit.systems.impact.modes.steady_response import Layout
-from dynkit.systems.impact.modes.taylor.chart import Chart
+from dynkit.systems.impact.modes.taylor.chart import ROUNDING, Chart
 from dynkit.systems.impact.modes.taylor.charts import Charts
 from dynkit.systems.impact.modes.taylor.scene import Scene
 
@@ -562,10 +562,6 @@ class Path(NamedTuple):
         out = self.mode.state(*self.chart.motion(z, sines, cosines), sines, cosines)
         out[durations == 0.0] = self.start
         return out
-
-
-ROUNDING = 2.0**-44
-"""Rounding error of a sum, relative to the sum of its absolute terms."""
 
 
 def horner(coefficients: Array, times: Array) -> Array:

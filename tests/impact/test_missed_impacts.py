@@ -1,0 +1,149 @@
+"""Impacts that heyoka does not report are found, or the motion ends with an error."""
+
+from __future__ import annotations
+
+import copy
+from typing import Any
+
+import numpy as np
+import pytest
+
+from dynkit.core.no_motion import CannotFollow
+from dynkit.systems import DryFriction, HardStop, ImpactDuffing, MatrixOscillator, TodaChain
+from dynkit.systems.impact.modes.taylor import chart as taylor_chart
+from dynkit.systems.impact.modes.taylor.mode import horner
+from dynkit.systems.impact.simulation.taylor.position import ABOVE, Position
+from dynkit.systems.impact.simulation.taylor.runs import TaylorCourse
+from tests.impact.disguised import disguised
+
+WALL = HardStop(0, side="below", offset=0.9, restitution=0.7)
+TABLE = HardStop(0, offset=-0.2, amplitude=0.5, restitution=0.8)
+FAST = HardStop((0, 1), offset=-0.4, restitution=0.6)
+
+SYSTEMS = {
+    "one stop": ImpactDuffing(frequency=1.0, elements=[TABLE]),
+    "two walls": ImpactDuffing(frequency=1.0, elements=[TABLE, WALL]),
+    "toda": TodaChain(masses=2, frequency=1.0, elements=[TABLE, FAST]),
+    "friction": ImpactDuffing(
+        frequency=1.0, elements=[TABLE, WALL, DryFriction(0, force=0.05, velocity=0.3)]
+    ),
+}
+
+
+BEYOND = 1e-9
+"""Time after an impact at which a motion continues as if the impact had not been reported."""
+
+
+class Dropping:
+    """An integrator that does not report some of its impacts."""
+
+    def __init__(self, made: Any, impacts: tuple[int, ...], drops: list[int]) -> None:
+        self.__dict__.update(made=made, impacts=impacts, drops=drops)
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(self.__dict__["made"], name)
+
+    def __setattr__(self, name: str, value: Any) -> None:
+        setattr(self.made, name, value)
+
+    def __copy__(self) -> Dropping:
+        return Dropping(copy.copy(self.made), self.impacts, self.drops)
+
+    def propagate_until(self, end: float, **limits: Any) -> Any:
+        found = self.made.propagate_until(end, **limits)
+        if -1 - int(found[0]) in self.impacts and self.made.time > 0.1 and self.drops[0] > 0:
+            self.drops[0] -= 1
+            self.made.step(max_delta_t=0.0, write_tc=True)
+            self.made.state[:] = horner(self.made.tc, np.array([BEYOND]))[0]
+            self.made.time += BEYOND
+            return self.made.propagate_until(end, **limits)
+        return found
+
+
+def dropping(patch: pytest.MonkeyPatch, most: int) -> list[int]:
+    """Let all new integrators together drop this many impacts; return the number that is left."""
+    drops, build = [most], taylor_chart._integrator
+
+    def built(plan: Any) -> Any:
+        return taylor_chart._Compiled(Dropping(build(plan).integrator, plan.impacts, drops))
+
+    patch.setattr(taylor_chart, "_integrator", built)
+    return drops
+
+
+def fresh(name: str) -> Any:
+    """The system with charts of its own."""
+    system = SYSTEMS[name]
+    return system.replace(chatter_tolerance=system.chatter_tolerance * (1.0 + 1e-9))
+
+
+@pytest.mark.parametrize("most", [1, 3])
+@pytest.mark.parametrize("name", SYSTEMS)
+def test_impacts_that_are_not_reported_are_found(
+    name: str, most: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    exact = SYSTEMS[name].simulate(impacts=10)
+    drops = dropping(monkeypatch, most)
+    record = fresh(name).simulate(impacts=10)
+    assert drops == [0]
+    assert (record.element == exact.element).all()
+    assert record.time == pytest.approx(exact.time, abs=1e-9)
+
+
+@pytest.mark.parametrize("name", ["one stop", "two walls"])
+def test_an_impact_that_is_never_reported_is_named(
+    name: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    dropping(monkeypatch, 1 << 20)
+    with pytest.raises(CannotFollow, match="an impact is missed"):
+        fresh(name).simulate(impacts=10)
+
+
+def without_short_steps(patch: pytest.MonkeyPatch) -> None:
+    """Begin flights as if no root could be hidden by a guard that is zero at the start."""
+    patch.setattr(Position, "_above", lambda *_: ABOVE)
+    patch.setattr(TaylorCourse, "_early", lambda *_: [])
+
+
+SPRINGS = [[1.5, -0.75, 0.0], [-0.75, 1.5, -0.75], [0.0, -0.75, 0.75]]
+RELEASED = MatrixOscillator(
+    M=np.diag([1.75, 1.5, 1.25]),
+    C=np.zeros((3, 3)),
+    K=SPRINGS,
+    frequency=0.9,
+    constant_forces=[-0.75, -0.75, -0.375],
+    elements=[HardStop(1, offset=-0.375, restitution=0.0)],
+)
+TWO_STOPS = MatrixOscillator(
+    M=np.diag([1.0, 2.0]),
+    C=np.zeros((2, 2)),
+    K=[[2.0, -1.0], [-1.0, 2.0]],
+    frequency=1.0,
+    constant_forces=[-1.0, -1.0],
+    elements=[HardStop(0, restitution=0.75), HardStop(1, restitution=0.75)],
+)
+
+
+@pytest.mark.parametrize("place", [0.27, 0.3, 0.33, 0.36, 0.39])
+def test_impacts_soon_after_a_release_are_not_missed(
+    place: float, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    without_short_steps(monkeypatch)
+    records = [
+        machine.simulate(impacts=6, start=machine.state([place, -0.375, 0.0], [0.0, 0.0, 0.0]))
+        for machine in (RELEASED, disguised(RELEASED))
+    ]
+    assert records[1].time == pytest.approx(records[0].time, abs=1e-10)
+
+
+@pytest.mark.parametrize("speeds", [(0.5, 0.05), (0.3, 0.01), (0.5, 0.25)])
+def test_impacts_soon_after_a_start_on_two_stops_are_not_missed(
+    speeds: tuple[float, float], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    without_short_steps(monkeypatch)
+    records = [
+        machine.simulate(impacts=6, start=machine.state([0.0, 0.0], speeds))
+        for machine in (TWO_STOPS, disguised(TWO_STOPS))
+    ]
+    assert (records[1].element == records[0].element).all()
+    assert records[1].time == pytest.approx(records[0].time, abs=1e-13)
