@@ -18,6 +18,7 @@ from dynkit.analysis.regimes import RegimeChange
 from dynkit.analysis.rounding import distinct_iterates, rounding_of
 from dynkit.core.cost import Cost
 from dynkit.core.kept import cached_property
+from dynkit.core.no_motion import NoMotion
 from dynkit.core.smooth_map import SmoothMap, checked_map
 from dynkit.core.stretching import Stretching
 from dynkit.core.validation import (
@@ -40,6 +41,11 @@ if TYPE_CHECKING:
 
 _SETTLING = 4
 """A run begins with iterations / _SETTLING additional iterates, in which the frame is aligned."""
+
+_GOLDEN = 0.5 * (np.sqrt(5.0) - 1.0)
+"""Ratio of the interval with which the motion of a flow goes on, if it is regular or disturbances
+grow by less than the square of the number of iterates. If the iterates were at few phases before,
+they are not with this ratio: no number is farther from simple fractions."""
 
 _CONSTANT = 1e-3
 """Largest relative error of an average whose logarithms are constant, or as good as constant."""
@@ -157,9 +163,10 @@ class LyapunovSpectrum(Saved):
         flow : Flow
         start : (d,) array
         interval : float
-            Duration of an iterate; see `Flow.stretching`. Where it is nearly a simple fraction of
-            the period of a periodic motion, such as a half of it to five digits, the iterates are
-            at few phases for a long time, and the errors are too small.
+            Duration of an iterate; see `Flow.stretching`. Near a simple fraction of the period of a
+            periodic motion the iterates are at few phases for a long time. Therefore a motion
+            without chaos goes on for a half of the iterations with an interval that is shorter by
+            the golden ratio; the errors include the change of the averages.
         iterations : int
             Number of intervals in the averages; at least 128.
 
@@ -206,8 +213,26 @@ class LyapunovSpectrum(Saved):
                 errors = errors + rounding_of(self._system, found, self._iterations // _SETTLING)
         elif times is not None:
             logs, errors = logs / times[:, None], errors / times[:, None]
+            grown = float((logs[:, 0] * times).sum())
+            if grown <= 2.0 * np.log(len(logs)) or _averages_of(logs, None).regular:
+                total += 2 * (self._iterations // _SETTLING)
+                errors = errors + abs(self._at_other_phases(found) - weighted(logs))
         cost = Cost(time.perf_counter() - began, {"iterates": total})
         return logs, errors, times, cost
+
+    def _at_other_phases(self, found: Stretching) -> Array:
+        """Return the averages (d,) of the motion of a flow that goes on with another interval.
+
+        They are infinite where this motion ends.
+        """
+        assert isinstance(self._system, Flow)
+        assert found.times is not None
+        count, interval = self._iterations // _SETTLING, float(_GOLDEN * found.times[-1])
+        try:
+            logs = self._system.stretching(found.state, interval, 2 * count).logs
+        except NoMotion:
+            return np.full(found.logs.shape[1], np.inf)
+        return weighted(logs[count:]) / interval
 
     @cached_property
     def _averages(self) -> tuple[TimeAverages, NDArray[np.intp]]:

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from scipy import integrate
 
-from dynkit import Hyperplane, MapAttractor, PoincareMap
+from dynkit import Hyperplane, MapAttractor, PoincareMap, periodic_orbit
 from dynkit.analysis.kaplan_yorke import kaplan_yorke
 from dynkit.analysis.lyapunov import LyapunovSpectrum
 from dynkit.core.validation import Array, finite_array
@@ -26,6 +26,7 @@ from dynkit.systems import (
     Rossler,
     StandardMap,
     SymbolicFlow,
+    VanDerPol,
 )
 from tests.example_systems import CircleRotation, DampedRotation
 
@@ -348,6 +349,21 @@ def test_errors_cover_a_flow_that_still_settles_on_a_weak_cycle(mu: float, radiu
             HopfForm(mu=mu), [radius, 0.0], interval=0.7, iterations=iterations
         )
         assert (abs(spectrum.exponents - [0.0, -2.0 * mu]) < 2.0 * spectrum.error).all()
+
+
+@pytest.mark.parametrize("fraction", [0.5, 0.500001, 1.0 + 1e-9, 1.0001, 0.25001])
+def test_errors_cover_intervals_near_a_simple_fraction_of_the_period(fraction: float) -> None:
+    plane = Hyperplane(np.array([0.0, 1.0]), 0.0, -1)
+    section = PoincareMap(VanDerPol(), plane, time_limit=50.0)
+    orbit = periodic_orbit(section, [2.0])
+    exact = [0.0, np.log(abs(orbit.multipliers[0])) / orbit.duration]
+    start = [orbit.states[0, 0], 0.0]
+    for iterations in (128, 500, 2000):
+        spectrum = LyapunovSpectrum.of_flow(
+            VanDerPol(), start, interval=fraction * orbit.duration, iterations=iterations
+        )
+        assert (abs(spectrum.exponents - exact) < 3.0 * spectrum.error).all()
+        assert spectrum.error.max() < 10.0 / iterations
 
 
 def test_the_plot_ends_in_the_exponents() -> None:
