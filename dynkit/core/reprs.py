@@ -17,6 +17,9 @@ Facts = dict[str, object]
 _LONGEST = 40
 """Arrays and tuples of numbers whose text is longer than this are shown by their shape."""
 
+_SIXTH = 1e-6
+"""A number with a larger error, relative to its size, is shown with its error."""
+
 _LEFT = ' style="text-align:left"'
 
 
@@ -247,6 +250,18 @@ def largest(errors: Any) -> str:
         return f"{float(array):.1e}"
     known = array[~np.isnan(array)]
     return f"up to {known.max():.1e}" if known.size else "none"
+
+
+def measured(value: float, error: float, digits: int) -> str:
+    """Return a number with so many digits, and its error if not even six of them are known.
+
+    Examples
+    --------
+    >>> measured(1.0 / 3.0, 1e-12, 10), measured(1.0 / 3.0, 0.25, 10)
+    ('0.3333333333', '0.3333333333 +- 0.2')
+    """
+    text = f"{value:.{digits}g}"
+    return text if error <= _SIXTH * abs(value) else f"{text} +- {error:.1g}"
 
 
 def span(values: Any) -> str:

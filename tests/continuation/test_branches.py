@@ -212,3 +212,13 @@ def test_borders_just_behind_where_they_cannot_be_told_are_found() -> None:
     branch = continue_orbit(orbit, "p", bounds=(0.01, 0.2), step=0.2, largest_step=0.2)
     (grazing,) = branch.bifurcations
     assert abs(grazing.value - BEHIND**3) < 1e-14
+
+
+def test_bifurcations_of_which_not_even_six_digits_are_known_show_their_error(cusp: Branch) -> None:
+    known = next(b for b in cusp.bifurcations if b.kind == "SN")
+    doubtful = replace(known, error=0.25)
+    value = f"{known.value:.12g}"
+    assert repr(known) == f"<SN at p {value}>"
+    assert repr(doubtful) == f"<SN at p {value} +- 0.2>"
+    assert f"{value} +- 0.2" in doubtful._repr_html_()
+    assert f"SN {known.value:.6g} +- 0.2" in repr(replace(cusp, bifurcations=(doubtful,)))

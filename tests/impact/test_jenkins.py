@@ -479,6 +479,45 @@ def test_a_slider_is_about_to_slide_where_a_stop_on_its_surface_is_hit(
     assert all(actual <= claimed for actual, claimed in found.states)
 
 
+@pytest.mark.parametrize(
+    ("joints", "stop", "frequency", "drive"),
+    [
+        (
+            [(3.3324752991121684, 0.1326617225066765), (2.134230387568434, 0.24278872632558923)],
+            (0.10252891942857975, 0.0),
+            0.46615838364038376,
+            0.9931173305788501,
+        ),
+        (
+            [(2.3575786630759836, 0.2021632983984971), (2.4478076405106997, 0.2359364746144762)],
+            (0.1422899026465144, 0.1568573438459345),
+            0.3298736547897749,
+            0.8227241169122153,
+        ),
+    ],
+)
+def test_sliders_do_not_slide_as_a_mass_bounces_where_they_stopped(
+    joints: list[tuple[float, float]], stop: tuple[float, float], frequency: float, drive: float
+) -> None:
+    # the stop and the limits of the sliders are reached together, to rounding
+    offset, restitution = stop
+    machine = ImpactChain(
+        masses=2,
+        damping=0.05,
+        frequency=frequency,
+        harmonic_forces=[0.4, drive],
+        elements=[
+            HardStop(1, offset=offset, restitution=restitution, name="stop"),
+            *(Jenkins(1, stiffness=k, force=f, name=f"j{i}") for i, (k, f) in enumerate(joints)),
+        ],
+    )
+    attractor = machine.attractor(transient=900, impacts=60)
+    orbit = attractor.periodic_orbit()
+    assert orbit.admissible
+    assert attractor.label.counts == orbit.counts
+    assert orbit.counts["j0.sticks"] == orbit.counts["j1.sticks"] == 2
+
+
 def test_a_block_that_halts_on_sliders_and_friction_sticks() -> None:
     # found among random machines: friction had turned there without sticking
     joints = [

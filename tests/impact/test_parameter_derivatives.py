@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from dynkit.core.differences import parameter_difference
-from dynkit.core.no_motion import replaced
+from dynkit.core.no_motion import NoDerivative, replaced
 from dynkit.dynamics.map import Map
 from dynkit.exponential.propagators import Propagators
 from dynkit.systems import (
@@ -224,3 +224,30 @@ def test_derivatives_where_a_parameter_is_zero_do_not_depend_on_its_unit(unit: f
         for size in (1.0, unit)
     )
     assert found == pytest.approx(expected, rel=1e-8, abs=1e-9 * abs(expected).max())
+
+
+def test_there_is_none_where_friction_at_a_closed_stop_would_slip_either_way() -> None:
+    machine = ImpactChain(
+        masses=1,
+        frequency=0.5,
+        harmonic_forces=[-0.6],
+        elements=[
+            HardStop(0, offset=-0.1, restitution=0.0, name="stop"),
+            DryFriction(0, force=0.1, name="rub"),
+        ],
+    )
+    state = machine.attractor(transient=50, impacts=1).states[-1]
+    assert machine.simulate(impacts=1, start=machine.impact_state(state)).events.kind[0] == 1
+
+    def after(value: float) -> Any:
+        return machine.replace(**{"rub.velocity": value})(state)
+
+    step = 1e-5
+    slopes = (after(step) - machine(state)) / step, (machine(state) - after(-step)) / step
+    assert abs(slopes[0] - slopes[1]).max() > 0.01
+    with pytest.raises(NoDerivative, match="friction that rests at a closed stop would slip"):
+        machine.parameter_derivative(state, "rub.velocity")
+    found = machine.parameter_derivative(state, "rub.force")
+    assert found == pytest.approx(
+        (machine.replace(**{"rub.force": 0.1 + step})(state) - machine(state)) / step, abs=1e-3
+    )

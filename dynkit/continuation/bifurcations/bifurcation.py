@@ -15,7 +15,7 @@ from dynkit.continuation.bifurcations.kinds import KINDS
 from dynkit.continuation.bifurcations.switching import Place
 from dynkit.core.cost import Cost
 from dynkit.core.kept import cached_property
-from dynkit.core.reprs import Facts, Tabled, largest, table, written
+from dynkit.core.reprs import Facts, Tabled, largest, measured, table, written
 from dynkit.core.validation import Array
 from dynkit.orbits.equations import Problem
 from dynkit.orbits.kinds import BifurcationKind
@@ -43,7 +43,8 @@ def borders_a_motion(admissible: NDArray[np.bool_], place: float) -> bool:
 def shown(bifurcations: Iterable[Bifurcation]) -> str:
     """Return kinds and values in one line; inadmissible ones are marked."""
     return ", ".join(
-        f"{b.kind} {b.value:.6g}{'' if b.admissible else ' (inadmissible)'}" for b in bifurcations
+        f"{b.kind} {measured(b.value, b.error, 6)}{'' if b.admissible else ' (inadmissible)'}"
+        for b in bifurcations
     )
 
 
@@ -208,12 +209,13 @@ class Bifurcation(Tabled):
         turns = self.rotation_number
         rotation = "" if turns is None else f", rotation number {turns:.6g}"
         doubt = "" if self.admissible else ", inadmissible"
-        return f"<{self.kind} at {self.parameter} {self.value:.12g}{rotation}{doubt}>"
+        value = measured(self.value, self.error, 12)
+        return f"<{self.kind} at {self.parameter} {value}{rotation}{doubt}>"
 
     def _facts(self) -> Facts:
         return {
             "kind": KINDS[self.kind].title,
-            self.parameter: f"{self.value:.12g}",
+            self.parameter: measured(self.value, self.error, 12),
             "critical multiplier": written(self.multiplier),
             "rotation number": self.rotation_number,
             "admissible": self.admissible,

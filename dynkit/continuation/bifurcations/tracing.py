@@ -17,6 +17,7 @@ from dynkit.continuation.crossings import Located
 from dynkit.continuation.defining_systems import merges
 from dynkit.continuation.points import Point
 from dynkit.continuation.termination import Ending, Reason
+from dynkit.core.reprs import measured
 from dynkit.core.validation import Array
 from dynkit.orbits.equations import Problem
 from dynkit.orbits.kinds import BifurcationKind
@@ -70,7 +71,8 @@ def trace(problem: Problem, curve: Continuation, inadmissible: bool) -> Trace:
             here = [pair for pair in here if pair[1] is borders[0] or not _at(borders[0], pair[1])]
         found.located += [(index + part, located, way) for part, located in here]
         if borders:
-            where = f"{borders[0].crossing.kind} at {borders[0].p[0]:.10g}"
+            p, error = float(borders[0].p[0]), float(borders[0].errors[-1])
+            where = f"{borders[0].crossing.kind} at {measured(p, error, 10)}"
             found.ending = Ending(Reason.BORDER, f"{Reason.BORDER.value}: {where}")
             break
         if any(crossing.ends for crossing in point.seen.crossings):

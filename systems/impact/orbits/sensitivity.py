@@ -27,6 +27,9 @@ if TYPE_CHECKING:
     from dynkit.systems.impact.simulation.state import ImpactState
     from dynkit.systems.impact.simulation.trajectory import Trajectory
 
+_ROUNDING = 1e-9
+"""A sum that is smaller than this, relative to its terms, is zero."""
+
 
 def change_by(oscillator: ImpactMap, name: str) -> Array | None:
     """Derivative of the numbers of a machine by a parameter: see `numbers_of`.
@@ -61,7 +64,8 @@ def map_derivative_by(oscillator: ImpactMap, state: ImpactState, change: Array) 
     NoCrossing
         When there is no next impact.
     NoDerivative
-        When the outcome of the next impact is a choice of law.
+        When the outcome of the next impact is a choice of law, or friction that rests at a closed
+        stop would slip forward or backward with the sign of the change.
     """
     system, parts = oscillator, oscillator._parts
     turns = not system._strobed or system._excitation.turns
@@ -77,6 +81,7 @@ def map_derivative_by(oscillator: ImpactMap, state: ImpactState, change: Array) 
         return None
     m = Machine(system, change)
     z, began, late = _begun(m, system, state), 0.0, 0.0
+    _refuse_loosened(m, system, run, z)
     measures = _measures(m, system, (state, run.final))
     hit, last = not system._strobed, len(run.switches.guard)
     times = np.append(run.switches.time, run.time).tolist()
@@ -118,6 +123,26 @@ def _followed(system: Any, run: Trajectory) -> bool:
     soft = [system._parts.now(own)[len(system._stops) :] for own in run.regimes]
     holds = [regime.holds for own in soft for regime in own]
     return not (any(halts) or chatters.any() or any(holds))
+
+
+def _refuse_loosened(m: Machine, system: Any, run: Trajectory, z: Any) -> None:
+    """Raise NoDerivative if friction rests at a closed stop, and the change would make it slip.
+
+    The stop keeps the slip velocity, so that friction does not stop it: forces jump with its sign.
+    """
+    parts, s = system._automaton.parts, run.segments
+    for regimes in {run.regimes[k] for k in s.mode[s.begin == 0.0].tolist()}:
+        sticking = parts.grips(regimes)[1]
+        for k, own in enumerate(parts.now(regimes)):
+            if not own.sticks or k in sticking:
+                continue
+            row = m.rate(k)
+            changes = row.imag * z.real + row.real * z.imag
+            if abs(changes.sum()) > _ROUNDING * abs(changes).sum():
+                raise NoDerivative(
+                    "friction that rests at a closed stop would slip as the parameter changes: "
+                    f"{system._elements[k]!r}"
+                )
 
 
 def _row(m: Machine, system: Any, mode: Regimes, guard: Any) -> Any:

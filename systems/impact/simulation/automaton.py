@@ -385,6 +385,7 @@ class Automaton(JoinedModes):
             "coupled": coupled,
             "rubbed": rubbed,
             "marks": self.marks(guard),
+            "yields": -int(np.sign(watch.stretch)),
             "scraped": scraped,
             "scrape": scrape,
         }

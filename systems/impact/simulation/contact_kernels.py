@@ -68,6 +68,7 @@ class Tables(NamedTuple):
     coupled : (guards, elements) whether an impact changes the rate of the element's gap
     rubbed : (guards, elements) whether the element is friction that rests while this stop is closed
     marks : (guards,) whether the zero of the guard is the section of an undriven machine
+    yields : (guards,) 1 or -1 where a slider begins to slide forward or backward, else 0
     scraped : (guards, frictions, 3) for friction at the contact: the largest change of its slip
         velocity by an impact, divided by the change of the gap's rate; the constant term of the
         slip velocity; the number of its element
@@ -109,6 +110,7 @@ class Tables(NamedTuple):
     coupled: NDArray[np.bool_]
     rubbed: NDArray[np.bool_]
     marks: NDArray[np.bool_]
+    yields: Indices
     scraped: Array
     scrape: Array
     tolerance: float

@@ -10,6 +10,7 @@ from dynkit.exponential.double_double_kernels import two_product
 from dynkit.exponential.evaluation_kernels import (
     EPSILON,
     FOUND,
+    KEPT,
     START,
     Ladder,
     Workspace,
@@ -76,12 +77,7 @@ def copy(states: Array, k: int, to: int) -> None:
 @kernel()
 def vanishes(tables: Tables, k: int, left: Array) -> bool:
     """Whether guard `k` is exactly zero because its slider is at the limit of this guard."""
-    at = left[tables.element[k], AT_LIMIT]
-    if at == 0.0:
-        return False
-    m = tables.ladders.integers[k, GROUP]
-    begins = k == tables.first[m] or tables.element[k - 1] != tables.element[k]
-    return bool(begins == (at > 0.0))  # the first guard is that of the forward limit
+    return bool(tables.yields[k] * left[tables.element[k], AT_LIMIT] > 0.0)
 
 
 @kernel()
@@ -339,6 +335,35 @@ def first_of(tables: Tables, g: int, states: Array, band_factor: float) -> int:
         if closes and sign_of(gap, states, FOUND, 0, AT_THE_SAME_TIME * band_factor) == 0:
             return int(k)
     return g
+
+
+@kernel()
+def met(tables: Tables, k: int, states: Array, at: int, band_factor: float) -> bool:
+    """Whether the guard `k` of another element is zero in state `at`, to accumulated rounding."""
+    return sign_of(ladder_at(tables.ladders, k), states, at, 0, AT_THE_SAME_TIME * band_factor) == 0
+
+
+@kernel()
+def precedes(tables: Tables, hit: int, slid: int, at: int, states: Array, factor: float) -> bool:
+    """Whether the stop of guard `hit` is hit as the slider of guard `slid` reaches its limit.
+
+    The state of the impact is `at`, FOUND or KEPT, and that of the slider the other one. A mass
+    that leaves a stop with a slider at its limit meets both again at the same time. Then the impact
+    comes first: rounding errors would choose the order at every impact.
+    """
+    if tables.event[hit] != IMPACT or tables.yields[slid] == 0:
+        return False
+    other = KEPT if at == FOUND else FOUND
+    return met(tables, slid, states, at, factor) and met(tables, hit, states, other, factor)
+
+
+@kernel()
+def limit_sliders(tables: Tables, g: int, left: Array, states: Array, band_factor: float) -> None:
+    """Note which sticking sliders are at their limits, to rounding, at the impact at guard `g`."""
+    m = tables.ladders.integers[g, GROUP]
+    for k in range(tables.first[m], tables.first[m + 1]):
+        if tables.yields[k] != 0 and met(tables, int(k), states, FOUND, band_factor):
+            left[tables.element[k], AT_LIMIT] = tables.yields[k]
 
 
 @kernel()

@@ -95,6 +95,8 @@ from dynkit.systems.impact.simulation.event_kernels import (
     jumped,
     know_gaps,
     lets_go,
+    limit_sliders,
+    precedes,
     push,
     together,
 )
@@ -281,7 +283,7 @@ def run(
             k = falling(tables, g, left, band_factor, work)
             if k >= 0:
                 copy(y, START, KEPT)
-                turn, outcome, n, best, e, rate = guards, ROOT, 0, k, 0.0, 0.0
+                outcome, n, best, e, rate = ROOT, 0, k, 0.0, 0.0
         # A root limits the later searches to the time before it. Therefore the guard that is likely
         # to be reached first is searched first. The result does not depend on the order.
         likely = waiting[NEXT + g % MOST_KNOWN]
@@ -327,6 +329,11 @@ def run(
             if sooner and outcome != NEVER:
                 gain = (e - d) - (steps - n) * smallest
                 sooner = gain > 0.0 or (gain == 0.0 and (k - g) % guards < (best - g) % guards)
+                if beside is not None and outcome in (ROOT, TOUCH):
+                    if sooner:
+                        sooner = not precedes(tables, best, k, KEPT, y, band_factor)
+                    else:
+                        sooner = precedes(tables, k, best, FOUND, y, band_factor)
             # A search that ends at the limit of cells has reached a time before any other root.
             if found == LIMIT or sooner:
                 outcome, n, best, e, rate = found, steps, k, d, slope
@@ -451,6 +458,7 @@ def run(
             clock[AT_ONCE] += 1.0
         clock[GUARD] = best
         if beside is not None and beside > 0:
+            limit_sliders(tables, best, left, y, band_factor)
             jolt(tables, best, left, y)
         own[SPEED] = 0.0 - r * rate
         own[MOTION] = BOUNCED
