@@ -17,7 +17,7 @@ from dynkit.dynamics.flow import Flow, flow_coordinates
 from dynkit.dynamics.poincare_map import PoincareMap
 from dynkit.dynamics.section import Hyperplane, PoincareSection, Stroboscope
 from dynkit.orbits.equations import KeptSolution, Problem, ProblemSolution
-from dynkit.orbits.families import FamilyProblem, FamilySolution, find_solution
+from dynkit.orbits.families import FamilyProblem, FamilySolution, solution_near
 from dynkit.orbits.map_orbit import MapOrbit
 from dynkit.orbits.map_problem import MapProblem, sizes
 from dynkit.orbits.newton import NoConvergence, NoSolution
@@ -277,7 +277,7 @@ def equilibrium(flow: Flow, guess: Any) -> Equilibrium:
     near, cost = _near(flow, start), Cost(0.0)
     history: tuple[float, ...] = ()
     for _ in range(_REPEATS):
-        found, units = find_solution(near, start), near._units
+        found, units = solution_near(near, start), near._units
         start, cost = found.unknowns, cost + found.cost
         history += found.history[min(len(history), 1) :]
         near = _near(flow, start)

@@ -276,10 +276,14 @@ def find_solution(problem: FamilyProblem, guess: Any) -> FamilySolution:
     True
     """
     of_type("problem", problem, FamilyProblem, "a FamilyProblem")
-    began = time.perf_counter()
-    fixed = problem.free()
-    start = finite_array("guess", guess, (fixed.size,))
-    _require_equations(fixed, start)
+    start = finite_array("guess", guess, (problem.size,))
+    _require_equations(problem.free(), start)
+    return solution_near(problem, start)
+
+
+def solution_near(problem: FamilyProblem, start: Array) -> FamilySolution:
+    """Return the solution near a start (m,), as `find_solution`, of equations known to be right."""
+    began, fixed = time.perf_counter(), problem.free()
     x, history = solve(fixed, start, _NONE, what=f"no {fixed.label}")
     # set unknowns below their error to zero: otherwise rounding errors would become scales
     cleared = np.where(abs(x) <= orbit_bound(fixed, x, _NONE), 0.0, x)
