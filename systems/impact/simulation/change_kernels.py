@@ -165,7 +165,7 @@ def _rests(
                 rest = chatter_rest(drag(gap, tables.kick[k]), r, drop, u, second, third)
                 rates = u / (1.0 - r)
         if beside is not None:
-            if sticks and beside > 0 and disturbs(tables, k, rates, rest, y):
+            if sticks and beside > 0 and disturbs(tables, k, rates, rest, left, y):
                 sticks = False
             scraping = sticks and tables.scraped.shape[1] > 0
             if scraping and tables.partner[k] >= 0:

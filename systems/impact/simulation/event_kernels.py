@@ -175,7 +175,9 @@ def bounced(tables: Tables, m: int, left: Array) -> int:
 
 
 @kernel()
-def disturbs(tables: Tables, g: int, rates: float, lasts: float, states: Array) -> bool:
+def disturbs(
+    tables: Tables, g: int, rates: float, lasts: float, left: Array, states: Array
+) -> bool:
     """Whether the bounces of a chatter at guard `g` may make other elements switch.
 
     `rates` is the sum of the velocities at which the bounces begin, and `lasts` their duration. In
@@ -204,7 +206,8 @@ def disturbs(tables: Tables, g: int, rates: float, lasts: float, states: Array) 
             in_time += ratio * abs(later)
         change = (at_once + in_time * lasts) * all_of_them
         value, rate = value_and_rates(rows, guard.offset, states, START)[:2]
-        if change > least and value < 2.0 * (change + abs(rate) * lasts):
+        near = vanishes(tables, int(k), left) or value < 2.0 * (change + abs(rate) * lasts)
+        if change > least and near:
             return True
     return False
 
