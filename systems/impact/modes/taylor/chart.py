@@ -23,6 +23,7 @@ from dynkit.core.kept import cached_property, kept
 from dynkit.core.no_motion import CannotFollow, Diverged
 from dynkit.core.validation import Array
 from dynkit.systems.impact.modes.taylor.equations import Plan, system_of
+from dynkit.systems.impact.modes.taylor.gaps import Gaps
 from dynkit.systems.structure.functions import CoordinateFunction
 
 _MOST_KEPT = 64
@@ -41,19 +42,12 @@ smaller, needs order 20. For variables below one the tolerance is absolute: see 
 _SHORTEST = 1e-3
 """Smallest limit of the step length, in radians of the phase."""
 
-ROUNDING = 2.0**-44
-"""Rounding error of a sum, relative to the sum of its absolute terms."""
-
 _FINER, _FINEST = 0.25, 0.01
 """Where an impact was missed, the flight is repeated with steps shorter by this factor, down to
 this part of the first step."""
 
 _FINE = 1e-8, 1e-6, 1e-4, 1e-2
 """Parts of a period at which the first steps of a repeated flight end."""
-
-_RISE = 4.0
-"""A gap that rises from -d at rest, as t^n, is zero at a time whose product with its rate is n d;
-largest n for which d counts as the depth."""
 
 _CHUNK, _MOST = 1_000, 200_000
 """Largest number of steps of Taylor's method in one call, and in one flight."""
@@ -245,7 +239,9 @@ class Chart:
         self.places = dict(plan.stops) | {k: more[k] for k in parted}
         self.speeds = dict((*plan.stops, *plan.rubs)) | self.springs | more
         self.lock = RLock()
-        self._half = len(self.to_x) + len(self._more)
+        self._limits: dict[str, Any] = {"max_steps": _CHUNK}
+        if plan.careful:
+            self._limits["write_tc"] = True
         self._plain = bool((self.to_x == np.eye(len(self.to_x))).all()) and not plan.rubs
 
     @cached_property
@@ -253,10 +249,8 @@ class Chart:
         """The integrator of this chart, with its numbers set."""
         made = copy.copy(_integrator(self.plan).integrator)
         made.pars[:] = self._pars[: len(made.pars)]
-        size = 2 * self._half
-        self._state_of, self._pars_of = made.state, made.pars
-        self._z_of, self._turn_of = np.split(self._state_of, [size])
-        self._now = memoryview(self._state_of)  # its numbers are read in a third of the time
+        size = 2 * (len(self.to_x) + len(self._more))
+        self._z_of, self._turn_of, self._pars_of = *np.split(made.state, [size]), made.pars
         return made
 
     @cached_property
@@ -313,13 +307,13 @@ class Chart:
         gaps, rates, x = [], [], x[:n]
         parts[0][n:] = reach - side * (parts[0][n:] + self._along(x))
         for k in (*self.plan.sliders, *self._more):
-            gap, rate = self._gap(k, x, v, sine, cosine)
+            gap, rate = self.gap(k, x, v, sine, cosine)
             gaps += [gap] if k in self.places else []
             gaps += [0.0] if k in self.plan.dragged else []
             rates.append(rate)
         return np.concatenate([parts[0], gaps, parts[1], rates])
 
-    def _gap(self, k: int, x: Array, v: Array, sine: float, cosine: float) -> tuple[float, float]:
+    def gap(self, k: int, x: Array, v: Array, sine: float, cosine: float) -> tuple[float, float]:
         """Gap of an element and its rate, at positions and velocities (N,)."""
         sign, real, imaginary, offset, drift = self._own[k, :5]
         place = offset + real * sine + imaginary * cosine
@@ -426,13 +420,13 @@ class Chart:
         """
         made, steps, guards = self.load(z, sine, cosine), 0, len(self.plan.guards)
         _, step_limit, time_limit = _outcomes()
-        limit = math.inf
+        limit, guarded = math.inf, self.plan.impacts
         if pace < math.inf:
             # the first step may be very short, as a guard may end it
             limit = max(pace * abs(made.step()[1]), _SHORTEST / self._pars[1])
             self.load(z, sine, cosine)
         stations = [*early, longest]
-        limits: dict[str, Any] = {"max_steps": _CHUNK}
+        limits = dict(self._limits)
         if self.curves:  # steps along a free flight, a polynomial, have no limit of their own
             limit = min(limit, math.tau / self._pars[1])
         if limit < math.inf:
@@ -442,7 +436,7 @@ class Chart:
             steps += count
             number = int(outcome)
             if number >= -guards:
-                if self._open and self._amiss(z, sine, cosine, -1 - number):
+                if guarded and self._gaps.amiss(z, sine, cosine, -1 - number):
                     return self._again(z, sine, cosine, longest, pace, early)
                 z[:] = self._z_of
                 return self._events[-1 - number], made.time, steps
@@ -451,12 +445,11 @@ class Chart:
                 stations.pop(0)
                 if stations:
                     continue
-                if self._open and self._amiss(z, sine, cosine):
+                if guarded and self._gaps.amiss(z, sine, cosine):
                     return self._again(z, sine, cosine, longest, pace, early)
                 return -1, time, steps
-            if number >= -guards - len(self._open):
-                k = self._open[-1 - guards - number][1]
-                if self._rises(k, z, sine, cosine):
+            if number >= -guards - len(guarded):
+                if self._gaps.rises(-1 - guards - number, z, sine, cosine):
                     return self._again(z, sine, cosine, longest, pace, early)
                 if (steps := steps + 1) < _MOST:
                     continue
@@ -473,79 +466,8 @@ class Chart:
     # --- impacts that heyoka misses ---------------------------------------------------------------
 
     @cached_property
-    def _open(self) -> list[tuple[int, int, int, int]]:
-        """For each stop in flight, its guard, its number, and the places of its gap and rate.
-
-        The places are -1 if they are not coordinates.
-        """
-        found = []
-        for i in self.plan.impacts:
-            k = self.plan.guards[i]
-            carried = k in self.places
-            places = (self.places[k], self._half + self.speeds[k]) if carried else (-1, -1)
-            found.append((i, k, *places))
-        return found
-
-    @cached_property
-    def _lines(self) -> dict[int, tuple[Array, Array]]:
-        """Gaps and rates that are no coordinates, as affine functions of the integrator's state.
-
-        Their stops do not act along functions.
-        """
-        size = 2 * self._half + len(self._turn_of)
-        unit = np.vstack([np.zeros(size), np.eye(size)])
-        found = {}
-        for _, k, place, _ in self._open:
-            if place < 0:
-                values = np.array([self._gap(k, *self._motion_of(state)) for state in unit])
-                found[k] = (values[1:] - values[0]).T.copy(), values[0]
-        return found
-
-    def _motion_of(self, state: Array) -> tuple[Array, Array, float, float]:
-        """Positions and velocities (N,), sine and cosine, of a state of the integrator."""
-        turn = state[2 * self._half :].tolist() or (0.0, 0.0)
-        x, v = self.motion(state[: 2 * self._half], *turn)
-        return x[: self._size], v, *turn
-
-    def _pair(self, k: int, state: Array) -> tuple[float, float]:
-        """Gap of a stop in flight and its rate, at a state of the integrator."""
-        if k in self.places:
-            return float(state[self.places[k]]), float(state[self._half + self.speeds[k]])
-        matrix, start = self._lines[k]
-        gap, rate = (matrix @ state + start).tolist()
-        return gap, rate
-
-    def _depth(self, k: int, z: Array, sine: float, cosine: float) -> float:
-        """Rounding error of a gap; or how far below zero it is at coordinates (M,), if further."""
-        begin = np.append(z, (sine, cosine) if len(self._turn_of) else ())
-        x, *_ = self._motion_of(begin)
-        _, real, imaginary, offset = self._own[k, :4]
-        size = abs(self._row(k, x)) @ abs(x) + abs(offset) + math.hypot(real, imaginary)
-        return max(ROUNDING * float(size), -self._pair(k, begin)[0])
-
-    def _amiss(self, z: Array, sine: float, cosine: float, hit: int = -1) -> bool:
-        """Whether an impact was missed in a flight from coordinates (M,) to the present state.
-
-        If the chart is not careful, this may be due to rounding errors.
-        """
-        state, now, careful = self._state_of, self._now, self.plan.careful
-        for i, k, place, speed in self._open:
-            if i == hit:
-                rate = now[speed] if place >= 0 else self._pair(k, state)[1]
-                if not (rate < 0.0 or careful):
-                    return True
-                continue
-            gap = now[place] if place >= 0 else self._pair(k, state)[0]
-            least = _RISE * self._depth(k, z, sine, cosine) if gap < 0.0 and careful else 0.0
-            if gap < -least:
-                return True
-        return False
-
-    def _rises(self, k: int, z: Array, sine: float, cosine: float) -> bool:
-        """Whether a gap that becomes positive was negative by more than rounding errors."""
-        _, rate = self._pair(k, self._state_of)
-        depth: float = rate * self.integrator.time
-        return depth > _RISE * self._depth(k, z, sine, cosine)
+    def _gaps(self) -> Gaps:
+        return Gaps(self)
 
     @cached_property
     def _careful(self) -> Chart:
@@ -574,7 +496,7 @@ class Chart:
         """Repeat a flight in which an impact may be missed: carefully, then with shorter steps."""
         if not self.plan.careful:
             found = self._careful.fly(z, sine, cosine, longest, pace, early)
-            self._state_of[:] = self._careful._state_of
+            self._z_of[:] = self._careful._z_of
             return found
         if pace < _FINEST:
             raise CannotFollow(

@@ -20,8 +20,9 @@ from dynkit.systems.impact.modes.constrained import (
     pushes,
 )
 from dynkit.systems.impact.modes.steady_response import Layout
-from dynkit.systems.impact.modes.taylor.chart import ROUNDING, Chart
+from dynkit.systems.impact.modes.taylor.chart import Chart
 from dynkit.systems.impact.modes.taylor.charts import Charts
+from dynkit.systems.impact.modes.taylor.gaps import ROUNDING
 from dynkit.systems.impact.modes.taylor.scene import Scene
 
 FREQUENCY = 1
