@@ -13,7 +13,7 @@ from dynkit.core.smooth_map import SmoothMap, checked_map, proper_divisors
 from dynkit.core.validation import Array, finite_array, positive_integer, within_memory
 from dynkit.orbits.map_orbit import MapOrbit
 from dynkit.orbits.map_problem import MapProblem, sizes
-from dynkit.orbits.newton import NoConvergence
+from dynkit.orbits.newton import NoConvergence, NoSolution
 from dynkit.orbits.solving import solve
 
 # States of an orbit that differ by less than this, relative to their size, are tried as one state.
@@ -25,6 +25,9 @@ _SAME = 1e-7
 _APART = 10.0
 # An orbit is solved for again, in its own units, where it is smaller than this times the guess.
 _COARSE = 0.1
+_ROUNDING = 2.0**-52
+# Newton's method ends at residuals below this.
+_LEVEL = 16.0 * _ROUNDING
 _NONE = np.empty(0)
 _FAMILY = "no isolated periodic orbit found from the guess: it is one of a family, "
 
@@ -110,10 +113,10 @@ def _is_one_state(guess: Any) -> bool:
 
 
 def _solved(system: SmoothMap, states: Array) -> tuple[Array, tuple[float, ...]]:
-    x, guessed, left = states.ravel(), np.inf, np.inf
+    x, guessed = states.ravel(), np.inf
     history: tuple[float, ...] = ()
     # the units of a far guess are too coarse for the orbit that is found from it
-    while left > 0.0 and abs(x).max() < _COARSE * guessed:
+    while abs(x).max() < _COARSE * guessed:
         problem, guessed = MapProblem(system, x.reshape(states.shape)), abs(x).max()
         try:
             x, residuals = solve(problem, x, _NONE)
@@ -122,12 +125,21 @@ def _solved(system: SmoothMap, states: Array) -> tuple[Array, tuple[float, ...]]
                 f"{failure}; for period {len(states)} from {states[0].tolist()} of {system!r}"
             ) from failure
         history += residuals[min(len(history), 1) :]
-        # set coordinates below rounding to zero: otherwise rounding errors would become scales
-        cleared = np.where(abs(x) < 2.0**-52 * problem.scale(x), 0.0, x)
-        left = float(abs(problem.residual(cleared, _NONE)).max())
-    if left <= history[-1]:
+        if abs(x).max() < _LEVEL * abs(states).max() and _is_solution(problem, 0.0 * x):
+            x = 0.0 * x  # Newton's method approaches zero, which has no unit of its own
+    # set coordinates below rounding to zero: otherwise rounding errors would become scales
+    cleared = np.where(abs(x) < _ROUNDING * problem.scale(x), 0.0, x)
+    if abs(problem.residual(cleared, _NONE)).max() <= history[-1]:
         x = cleared
     return x, history
+
+
+def _is_solution(problem: MapProblem, x: Array) -> bool:
+    """Whether the residual is exactly zero."""
+    try:
+        return not problem.residual(x, _NONE).any()
+    except NoSolution:
+        return False
 
 
 def _shorter(system: SmoothMap, states: Array) -> tuple[Array, tuple[float, ...]] | None:
