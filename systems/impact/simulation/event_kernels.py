@@ -389,12 +389,15 @@ def push(tables: Tables, g: int, left: Array, states: Array) -> bool:
 
 
 @kernel()
-def jolt(tables: Tables, g: int, left: Array, states: Array) -> None:
+def jolt(tables: Tables, g: int, left: Array, states: Array, band_factor: float) -> None:
     """After an impact at guard `g`, let elements switch back that switched at the same time.
+
+    Before, note which sliders are at their limits.
 
     Their guards are zero to rounding. The impact has changed the rate of such a guard, or the guard
     itself if that is a rate.
     """
+    limit_sliders(tables, g, left, states, band_factor)
     m = tables.ladders.integers[g, GROUP]
     for k in range(tables.first[m], tables.first[m + 1]):
         own = left[tables.element[k]]

@@ -72,11 +72,7 @@ from dynkit.systems.impact.simulation.clock_kernels import (
     move_on,
     normalise,
 )
-from dynkit.systems.impact.simulation.contact_kernels import (
-    Tables,
-    accumulates,
-    transform,
-)
+from dynkit.systems.impact.simulation.contact_kernels import Tables, accumulates, transform
 from dynkit.systems.impact.simulation.event_kernels import (
     HALT,
     IMPACT,
@@ -95,7 +91,6 @@ from dynkit.systems.impact.simulation.event_kernels import (
     jumped,
     know_gaps,
     lets_go,
-    limit_sliders,
     precedes,
     push,
     together,
@@ -330,10 +325,8 @@ def run(
                 gain = (e - d) - (steps - n) * smallest
                 sooner = gain > 0.0 or (gain == 0.0 and (k - g) % guards < (best - g) % guards)
                 if beside is not None and outcome in (ROOT, TOUCH):
-                    if sooner:
-                        sooner = not precedes(tables, best, k, KEPT, y, band_factor)
-                    else:
-                        sooner = precedes(tables, k, best, FOUND, y, band_factor)
+                    hit, slid, where = (best, k, KEPT) if sooner else (k, best, FOUND)
+                    sooner = sooner != precedes(tables, hit, slid, where, y, band_factor)
             # A search that ends at the limit of cells has reached a time before any other root.
             if found == LIMIT or sooner:
                 outcome, n, best, e, rate = found, steps, k, d, slope
@@ -458,8 +451,7 @@ def run(
             clock[AT_ONCE] += 1.0
         clock[GUARD] = best
         if beside is not None and beside > 0:
-            limit_sliders(tables, best, left, y, band_factor)
-            jolt(tables, best, left, y)
+            jolt(tables, best, left, y, band_factor)
         own[SPEED] = 0.0 - r * rate
         own[MOTION] = BOUNCED
         if noise > 0.0:
