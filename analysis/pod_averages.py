@@ -79,7 +79,7 @@ def averages_of(source: object, times: object = None) -> Callable[[], Any]:
     if isinstance(source, KnowsAverages):
         if times is not None:
             raise ValueError("times must not be given with a motion whose averages are exact")
-        return partial(source.second_moments, BATCHES)
+        return partial(_exact, source)
     source = source_of(source)
     if isinstance(source, Attractor):
         source = source.states
@@ -90,6 +90,14 @@ def averages_of(source: object, times: object = None) -> Callable[[], Any]:
         return partial(_sums, samples, np.ones(len(samples)), None)
     at = ascending("times", finite_array("times", times, (len(samples),)))
     return partial(_sums, samples, _halves(at), at)
+
+
+def _exact(source: KnowsAverages) -> Averages:
+    """Return exact averages; ValueError where squares of positions have lost their digits."""
+    found: Averages = source.second_moments(BATCHES)
+    squares = np.diagonal(found.products.sum(axis=0)) / found.durations.sum()
+    with_squares_in_range("root mean squares of positions", np.sqrt(squares))
+    return found
 
 
 def averages_over(block: Attractor, edges: Edges) -> Any:

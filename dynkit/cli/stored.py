@@ -167,7 +167,7 @@ def value_of(text: str) -> Any:
     >>> value_of("(1.5, 'above', (inf,))"), value_of("HardStop(2, offset=0.5)").offset
     ((1.5, 'above', (inf,)), 0.5)
     >>> value_of("((0.5-2j), 1j)"), value_of("((1+0j))"), value_of("(-1e-05j)")
-    (((0.5-2j), 1j), ((1+0j),), (-1e-05j,))
+    (((0.5-2j), 1j), ((1+0j),), ((-0-1e-05j),))
     """
     closed = _CLOSING.sub(lambda found: found[1] or ",)", text)  # "(1.0)" means a tuple
     try:
