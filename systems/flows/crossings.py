@@ -21,6 +21,8 @@ if TYPE_CHECKING:
 # value and rate at this part of the cell follow from those at its ends. The part is no simple
 # fraction, so that a periodic value is not seen at equal phases only.
 _CELLS, _PART = 2, 0.5 * (5.0**0.5 - 1.0)
+# Shortest cell, as a part of its step: a wrong gradient of a section would divide cells without end.
+_FINEST = 2.0**-12
 # Largest deviation from the cubic, relative to the value's changes; and that of an interpolation,
 # in units of the error of a step.
 _CUBIC, _INTERPOLATED = 2.0**-10, 64.0
@@ -176,7 +178,8 @@ class Search:
         inner = self._look(middle, step.path(middle), before.sizes)
         after = self._look(time, state, inner.sizes)
         cubic = _cubic(before, after, length)
-        if before.time < middle < time and not self._follows(cubic, inner, length, after.reach):
+        long = length > _FINEST * (step.time - step.begin)
+        if long and not self._follows(cubic, inner, length, after.reach):
             for look in (inner, after):
                 for here in self._divided(step, before, look.time, look.state):
                     yield here
