@@ -97,8 +97,6 @@ def _separated(curve: Continuation, before: Point, after: Point) -> list[Point]:
         return []
     if clear:
         return [after]
-    if np.linalg.norm((after.y - before.y) / before.scale) <= curve.method.steps.smallest:
-        return []
     middle = curve.between(before, after, 0.5)
     if isinstance(middle, Failure):
         return []
