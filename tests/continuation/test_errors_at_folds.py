@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from dynkit import Branch, continue_orbit, periodic_orbit
-from dynkit.systems import BouncingBall, Henon, SymbolicMap
+from dynkit.systems import BouncingBall, Henon
 
 RESTITUTION, FREQUENCY = 0.5, 3.0
 
@@ -53,33 +53,3 @@ def test_orbit_errors_bound_the_error_at_the_parameter_up_to_a_fold(
     assert (actual <= found.orbit_errors).all()
     nearest = abs(found.parameter - fold).argmin()
     assert found.orbit_errors[nearest] > 10.0 * found.error[nearest]
-
-
-class ShiftedHenon(SymbolicMap):
-    """Henon's map, with b = 0.3, in coordinates x - offset and y - offset."""
-
-    a: float
-    offset: float
-
-    def next_state(self, x: Any, y: Any) -> tuple[Any, ...]:
-        u, v = x - self.offset, y - self.offset
-        return self.offset + 1 - self.a * u**2 + v, self.offset + 0.3 * u
-
-
-@pytest.mark.parametrize("power", [0, 12, 16, 20, 24])
-def test_a_fold_far_from_the_origin_is_no_branch_point(power: int) -> None:
-    # SN at a = -(1 - b)^2 / 4 and PD at a = 3 (1 - b)^2 / 4: M. Henon, Comm. Math. Phys. 50 (1976)
-    system = ShiftedHenon(a=0.3, offset=0.0 if power == 0 else 2.0**power)
-    orbit = periodic_orbit(system, [1.0 + system.offset, 0.3 + system.offset])
-    branch = continue_orbit(orbit, "a", bounds=(-0.2, 1.0))
-    fold, flip = -0.1225, 0.3675
-    known = {b.kind.name: b for b in branch.bifurcations}
-    assert len(known) == len(branch.bifurcations)
-    assert set(known) <= {"SN", "PD"}
-    assert abs(known["PD"].value - flip) <= known["PD"].error
-    if "SN" in known:
-        assert abs(known["SN"].value - fold) <= known["SN"].error
-    else:  # rounding hides the fold: the branch ends beside it
-        assert power > 12
-        assert [ending.reason.name for ending in branch.endings].count("BOUND") == 1
-    assert branch.parameter.max() == 1.0

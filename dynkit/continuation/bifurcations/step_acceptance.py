@@ -27,9 +27,6 @@ _UNSEEN = 1e-3
 _JUMP = 1e-6
 # Largest component of the parameter in the tangent of a branch at a fold.
 _LEVEL = 1e-4
-# Least component of the parameter's derivative that shows a full rank: relative to that derivative,
-# and in the units of the equations. At a branch point it is zero, and small within _JUMP of one.
-_CLEAR, _LEAST = 0.1, 1e-9
 _BRANCH_POINT = Crossing(BifurcationKind.BP)
 
 
@@ -63,7 +60,7 @@ class Acceptance:
                 return after, False  # shorter steps separate them at less cost than solving
             # without a branch point between them the points are on different branches
             located = solved(self.problem, before, after, _BRANCH_POINT)
-            if located is None and (length > _JUMP or self._is_of_full_rank(after)):
+            if located is None and length > _JUMP:
                 return after, False
             flat = None if located is None else self._flat(located, before, way)
             if flat is not None:
@@ -71,17 +68,6 @@ class Acceptance:
             seen = replace(seen, branch_point=located, flat=flat)
         clear = len(found) <= 1 or length <= _SHORTEST
         return replace(after, seen=replace(seen, crossings=found)), clear
-
-    def _is_of_full_rank(self, point: Point) -> bool:
-        """Whether the parameter changes the equation that the unknowns change least.
-
-        Then the derivative by unknowns and parameter has full rank: a determinant that changes its
-        sign is rounding near a fold, where the orbit changes by less than its `scale` resolves.
-        """
-        x, p = point.y[:-1], point.y[-1:]
-        left = np.linalg.svd(self.problem.linearization(x, p) * point.scale[:-1])[0][:, -1]
-        change = point.scale[-1] * self.problem.parameter_derivative(x, p)[:, 0]
-        return bool(abs(left @ change) > max(_CLEAR * np.linalg.norm(change), _LEAST))
 
     def _flat(self, located: Located, before: Point, way: Array) -> Array | None:
         equations = OrbitEquations(self.problem, float(before.scale[-1]))
