@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 # value and rate at this part of the cell follow from those at its ends. The part is no simple
 # fraction, so that a periodic value is not seen at equal phases only.
 _CELLS, _PART = 2, 0.5 * (5.0**0.5 - 1.0)
-# Shortest cell, as a part of its step: a wrong gradient of a section would divide cells without end.
+# Shortest cell, as a part of its step: a wrong gradient would divide cells without end.
 _FINEST = 2.0**-12
 # Largest deviation from the cubic, relative to the value's changes; and that of an interpolation,
 # in units of the error of a step.
