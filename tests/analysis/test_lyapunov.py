@@ -353,7 +353,8 @@ def test_errors_cover_a_flow_that_still_settles_on_a_weak_cycle(mu: float, radiu
 
 @pytest.mark.parametrize("fraction", [0.5, 0.500001, 1.0 + 1e-9, 1.0001, 0.25001])
 def test_errors_cover_intervals_near_a_simple_fraction_of_the_period(fraction: float) -> None:
-    section = PoincareMap(VanDerPol(), Hyperplane([0.0, 1.0], 0.0, -1), time_limit=50.0)
+    plane = Hyperplane(np.array([0.0, 1.0]), 0.0, -1)
+    section = PoincareMap(VanDerPol(), plane, time_limit=50.0)
     orbit = periodic_orbit(section, [2.0])
     exact = [0.0, np.log(abs(orbit.multipliers[0])) / orbit.duration]
     start = [orbit.states[0, 0], 0.0]

@@ -13,7 +13,8 @@ from dynkit.continuation.bifurcations.bifurcation import Bifurcation
 from dynkit.continuation.continuing import continue_orbit
 from dynkit.continuation.defining_systems import null_vector
 from dynkit.continuation.results.branch import Branch
-from dynkit.systems import Logistic
+from dynkit.dynamics.equilibrium import equilibrium
+from dynkit.systems import Logistic, Lorenz
 from tests.continuation.families import Cycle, Exchange, Flat, PoleOrbit, Rotation
 from tests.continuation.starts import delayed_logistic, flat, henon, iterated, logistic
 
@@ -34,6 +35,17 @@ def quadratic() -> Branch:
 def twofold(quadratic: Branch) -> Branch:
     (orbit,) = only(quadratic, "PD").switch()
     return continue_orbit(orbit, "rate", bounds=(2.0, 4.0))
+
+
+def test_the_branch_of_equilibria_beside_the_origin_of_lorenz_passes_its_pitchfork() -> None:
+    # at rho = 1: C. Sparrow, The Lorenz Equations, Springer 1982, chapter 1
+    origin = equilibrium(Lorenz(rho=0.5), np.zeros(3))
+    pitchfork = only(continue_orbit(origin, "rho", bounds=(0.5, 10.0)), "BP")
+    (beside,) = pitchfork.switch()
+    branch = continue_orbit(beside, "rho", bounds=(0.5, 10.0))
+    assert [b.kind for b in branch.bifurcations] == ["BP"]
+    assert abs(only(branch, "BP").value - 1.0) < 1e-9
+    assert [ending.reason.name for ending in branch.endings] == ["BOUND", "BOUND"]
 
 
 # The logistic map: R. M. May, Simple mathematical models with very complicated dynamics, Nature 261
