@@ -370,7 +370,12 @@ def test_a_branch_of_a_pair_takes_as_long_steps_as_that_of_one_mass() -> None:
             pair("soft stops", elements=stops),
         )
     )
-    assert len(two) < 2 * len(one)
     found = [border.value for border in one.bifurcations]
+    # beside the borders, a border of each mass divides its own steps
+    alone, both = (
+        int((abs(np.subtract.outer(branch.parameter, found)).min(axis=1) > 0.01).sum())
+        for branch in (one, two)
+    )
+    assert both <= 1.2 * alone
     again = sorted({round(border.value, 9) for border in two.bifurcations})
     assert again == pytest.approx(sorted(found), abs=1e-9)
