@@ -8,28 +8,26 @@ from scipy.linalg import expm
 
 from dynkit.core.differences import STEP
 from dynkit.systems.impact.orbits.exponentials import carried, changed, gained, lifted
-from dynkit.systems.impact.orbits.itineraries.several_modes.chatter import Steps
+from dynkit.systems.impact.orbits.itineraries.several_modes.chatter_kernels import carry
 
 
-def test_changes_in_a_chatter_are_those_of_a_product_of_matrices() -> None:
+@pytest.mark.plain
+def test_a_kernel_carries_changes_as_products_of_matrices_do() -> None:
     random, n, d = np.random.default_rng(0), 3, 4
     flown, hits = random.normal(size=(n, d, d)), random.normal(size=(2, d, d))
     movings, delays, more = random.normal(size=(3, n, d))
     delay, which = random.normal(size=n), np.array([1, 0, 1])
     changes = random.normal(size=(d, 2))
-    # the changes, one, and the sum of the delays
-    product = np.eye(d + 2)
+    expected, late = changes.copy(), np.zeros(2)
     for i in range(n):
-        step = np.eye(d + 2)
-        step[:d, :d] = hits[which[i]] @ (np.eye(d) + flown[i]) + np.outer(movings[i], delays[i])
-        step[:d, d] = movings[i] * delay[i] + more[i]
-        step[d + 1, :d], step[d + 1, d] = delays[i], delay[i]
-        product = step @ product
-    expected = product @ np.vstack([changes, np.ones(2), np.zeros(2)])
-    steps = Steps(flown, hits, which, movings, delays, delay, more)
-    found, late = steps.carried(changes)
-    assert found == pytest.approx(expected[:d], rel=1e-12)
-    assert late == pytest.approx(expected[d + 1], rel=1e-12)
+        later = delays[i] @ expected + delay[i]
+        moved = hits[which[i]] @ (expected + flown[i] @ expected)
+        expected = moved + np.outer(movings[i], later) + more[i][:, None]
+        late += later
+    delayed = np.empty((2, 2))
+    carry(flown, hits, which, movings, delays, delay, more, changes, np.empty((d, 2)), delayed)
+    assert changes == pytest.approx(expected, rel=1e-12)
+    assert delayed[1] == pytest.approx(late, rel=1e-12)
 
 
 @pytest.mark.parametrize("leading", [6, 2, 0], ids=["all", "two coordinates", "none"])

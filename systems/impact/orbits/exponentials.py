@@ -27,8 +27,8 @@ _WEIGHTS = np.array([1.0 / math.factorial(k) for k in range(4 * _BLOCK)]).reshap
 _WITHOUT_ONE = _WEIGHTS.copy()
 _WITHOUT_ONE[0, 0] = 0.0
 
-_LONGEST = 2.0**50
-"""Largest norm of A t."""
+_BRIEF, _LONGEST = 4.0, 2.0**50
+"""Norm of A t up to which a series without scaling loses few digits; largest norm allowed."""
 
 
 def lifted(flow: Array, times: Array) -> Array:
@@ -46,13 +46,27 @@ def lifted(flow: Array, times: Array) -> Array:
 def carried(flow: Any, states: Array, times: Array) -> Array:
     """Changes (k, D) of states (k, D) after times (k,), due to the imaginary change of a matrix.
 
-    For flights of many matrices, in their own units, see `gained`.
+    For short times, states and changes are summed as one series; for long times see `gained`.
     """
-    d, some = len(flow), _leading(flow[None])
-    if not len(some):
-        return np.zeros(states.shape)
-    (both,) = _beside(flow[None], some)
-    return np.asarray((lifted(both, times)[:, :d, d:] @ states[:, some, None])[..., 0])
+    size, out, some = _norm(flow) * times, np.zeros(states.shape), _leading(flow[None])
+    brief, d, count = size <= _BRIEF, len(flow), len(some)
+    if not count:
+        return out
+    if not brief.all():
+        flows = np.broadcast_to(flow, (int((~brief).sum()), *flow.shape))
+        out[~brief] = gained(flows, states[~brief], times[~brief], np.ones(len(flow)))
+    if brief.any():
+        unit = float(times[brief].max()) or 1.0
+        (both,) = _beside(unit * flow[None], some)
+        orders = np.arange(1, 18 + int(4.0 * size[brief].max()))
+        terms = np.zeros((len(orders) + 1, d + count, count))
+        terms[0, d:] = np.eye(count)
+        for k in orders.tolist():
+            np.matmul(both, terms[k - 1] / k, out=terms[k])
+        weights = (times[brief, None] / unit) ** orders
+        moved = weights @ terms[1:, :d].reshape(len(orders), -1)
+        out[brief] = (moved.reshape(-1, d, count) @ states[brief][:, some, None])[..., 0]
+    return out
 
 
 def gained(flows: Any, states: Array, times: Array, measures: Array) -> Array:

@@ -32,21 +32,7 @@ _NEARLY = 1e-3
 
 
 class Steps(NamedTuple):
-    """Derivatives of n flights, and of the impacts that end them.
-
-    Attributes
-    ----------
-    flown : (n, D, D)
-        Derivatives of the flights minus identity.
-    hits, which : (p, D, D), (n,)
-        Derivatives of impacts, and the number of the derivative of each impact.
-    movings : (n, D)
-        Changes of the state by a unit delay of each impact.
-    delays, delay : (n, D), (n,)
-        Derivatives of the delays by the changes, and delays due to changed numbers.
-    more : (n, D)
-        Changes of the state due to changed numbers.
-    """
+    """Derivatives of n flights and of the impacts that end them: arguments of `carry`."""
 
     flown: Array
     hits: Array
@@ -55,16 +41,6 @@ class Steps(NamedTuple):
     delays: Array
     delay: Array
     more: Array
-
-    def carried(self, changes: Array) -> tuple[Array, Array]:
-        """Changes (D, k) of the state after all impacts, and the sum (k,) of all delays."""
-        late = np.zeros(changes.shape[1])
-        hits, own = self.hits[self.which], (self.movings, self.delays, self.delay, self.more)
-        for flown, hit, moving, by, delay, more in zip(self.flown, hits, *own, strict=True):
-            later = by @ changes + delay
-            changes = hit @ (changes + flown @ changes) + np.outer(moving, later) + more[:, None]
-            late += later
-        return changes, late
 
 
 @final
@@ -238,8 +214,12 @@ class Chatter:
         """
         late = np.zeros(changes.shape[1])
         if self.run.impacts:
+            from dynkit.systems.impact.orbits.itineraries.several_modes.chatter_kernels import carry
+
             steps = (_varying_steps if flights.varies else Chatter._steps)(self, machine, flights)
-            changes, late = steps.carried(changes)
+            changes, delayed = np.array(changes, order="C"), np.empty((2, len(late)))
+            carry(*steps, changes, np.empty_like(changes), delayed)
+            late = delayed[1]
         landed, by = self._landed(held, self._last)
         return by @ changes + (landed.imag / STEP)[:, None], late
 

@@ -10,6 +10,7 @@ import numpy as np
 from dynkit.core.differences import STEP
 from dynkit.core.kept import cached_property
 from dynkit.core.validation import Array
+from dynkit.exponential.propagators import padded
 from dynkit.orbits.newton import NoSolution
 from dynkit.systems.impact.orbits.itineraries.flying import Flights, laid
 from dynkit.systems.impact.orbits.itineraries.itinerary import Course
@@ -93,7 +94,8 @@ class Passage(ItinerarySolution):
         """
         out = self._flown.copy()
         for i, chatter in self.chatters.items():
-            out[i] = out[i] @ self._carried(i, chatter, np.eye(len(out[i])))
+            d = len(out[i])
+            out[i] = out[i] @ self._carried(i, chatter, np.eye(d, padded(d)))[:, :d]
         return out
 
     def _carried(self, i: int, chatter: Chatter, changes: Array) -> Any:
