@@ -39,7 +39,14 @@ from dynkit.analysis.motions import source_of
 from dynkit.analysis.regimes import RegimeChange, regime_change
 from dynkit.core.cost import Cost
 from dynkit.core.kept import cached_property
-from dynkit.core.validation import Array, finite_scalar, one_of, positive, read_only
+from dynkit.core.validation import (
+    Array,
+    finite_scalar,
+    non_negative_integer,
+    one_of,
+    positive,
+    read_only,
+)
 from dynkit.data.dataset import Dataset, described
 from dynkit.data.result import Saved
 from dynkit.dynamics.attractor import Attractor
@@ -136,6 +143,8 @@ class CorrelationDimension(Saved):
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "source", source_of(self.source))
+        if self.theiler is not None:
+            non_negative_integer("theiler", self.theiler)
         if isinstance(self.source, Attractor):
             if self.angles is not None:
                 raise ValueError(
@@ -152,7 +161,7 @@ class CorrelationDimension(Saved):
         one_of("norm", self.norm, get_args(Norm))
         if self.largest is not None:
             positive("largest", self.largest)
-        _check_ratio(self.least_ratio)
+        object.__setattr__(self, "least_ratio", _checked_ratio(self.least_ratio))
 
     @cached_property
     def states(self) -> Array:
@@ -240,8 +249,7 @@ class CorrelationDimension(Saved):
         >>> ring.region_over(1e6) is None, ring.region_over(2.0) is None
         (True, False)
         """
-        _check_ratio(least_ratio)
-        return find_scaling(self.sums, self.states, least_ratio).region
+        return find_scaling(self.sums, self.states, _checked_ratio(least_ratio)).region
 
     @property
     def value(self) -> float:
@@ -405,9 +413,10 @@ class CorrelationDimension(Saved):
         return draw_slopes(self.local_slopes, scaling, self.takens, error, ax, label)
 
 
-def _check_ratio(least_ratio: float) -> None:
-    if finite_scalar("least_ratio", least_ratio) < 1.5:
+def _checked_ratio(least_ratio: float) -> float:
+    if (ratio := finite_scalar("least_ratio", least_ratio)) < 1.5:
         raise ValueError(f"least_ratio must be at least 1.5; got {least_ratio!r}")
+    return ratio
 
 
 def _refuse_few(states: Array) -> None:

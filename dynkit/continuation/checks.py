@@ -23,7 +23,8 @@ def checked_bounds(name: str, bounds: Any) -> tuple[float, float]:
     ValueError
         When the bounds are not two such numbers.
     """
-    if not isinstance(bounds, Sequence | np.ndarray) or np.shape(bounds)[:1] != (2,):
+    flat = isinstance(bounds, np.ndarray) and bounds.ndim == 0
+    if not isinstance(bounds, Sequence | np.ndarray) or flat or len(bounds) != 2:
         raise ValueError(f"{name} must be two numbers; got {bounds!r}")
     low, high = (finite_scalar(f"{name}[{i}]", bounds[i]) for i in range(2))
     if not low < high:

@@ -418,6 +418,15 @@ def test_angles_of_an_attractor_are_refused() -> None:
         CorrelationDimension(OnDemand(), angles={0: 1.0})
 
 
+def test_a_bad_window_is_refused_before_an_attractor_is_simulated() -> None:
+    with pytest.raises(ValueError, match=r"^theiler must be zero or a positive integer; got nan$"):
+        CorrelationDimension(OnDemand(), theiler=np.nan)  # type: ignore[arg-type]
+
+
+def test_a_ratio_may_be_any_integer() -> None:
+    assert CorrelationDimension(uniform(100, 2), least_ratio=2**80).region is None
+
+
 def test_radius_in_the_rounding_of_the_states_is_refused() -> None:
     found = CorrelationDimension(uniform(100, 1), largest=1e-12)
     with pytest.raises(ValueError, match="largest must not be less than"):

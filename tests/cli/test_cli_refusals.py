@@ -66,7 +66,7 @@ BAD_INPUT = [
         "store must be writable; got 'missing/sweep.h5' (No such file or directory)",
     ),
     ("sweep --values 1 --store a.h5 --out a.h5", "out must be another file than store; got 'a.h5'"),
-    ("simulate --frequency 1 --side left", "side must be 'above' or 'below'; got 'left'"),
+    ("simulate --frequency 1 --side left", "side must be one of: above, below; got 'left'"),
     (
         "simulate --frequency 1 --masses 2 --harmonic_forces 1j",
         "harmonic_forces must have shape (2,); got shape (1,)",

@@ -97,6 +97,7 @@ def test_a_circle_cut_by_its_bounds_is_not_closed() -> None:
         ({"bounds": (2.0, np.nan)}, r"bounds\[1\] must be a finite number; got nan"),
         ({"bounds": (2.0, "3")}, r"bounds\[1\] must be a finite number; got '3'"),
         ({"bounds": 3.0}, "bounds must be two numbers; got 3.0"),
+        ({"bounds": [[1, 2], [3]]}, r"bounds\[0\] must be a finite number; got \[1, 2\]"),
         ({"bounds": np.array(3.0)}, r"bounds must be two numbers; got array\(3\.\)"),
         ({"bounds": (2.0, 3.0), "step": 0.0}, "step must be positive; got 0.0"),
         ({"bounds": (2.0, 3.0), "largest_step": -1}, "largest_step must be positive; got -1"),

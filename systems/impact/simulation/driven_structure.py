@@ -16,6 +16,7 @@ from dynkit.core.validation import (
     finite_scalar,
     index_in,
     non_negative,
+    one_of,
     positive,
     positive_integer,
     regular_array,
@@ -94,8 +95,7 @@ class DrivenStructure(LagrangianStructure):
         check_fields(self, amplitude=non_negative, offset=finite_scalar)
         if self.play != math.inf:
             check_fields(self, play=positive)
-        if self.side not in ("above", "below"):
-            raise ValueError(f"side must be 'above' or 'below'; got {self.side!r}")
+        one_of("side", self.side, ("above", "below"))
         check_fields(self, chatter_tolerance=non_negative)
         n = positive_integer("degrees_of_freedom", self.degrees_of_freedom)
         self._set("contact", index_in("contact", self.contact, -n, n - 1))
