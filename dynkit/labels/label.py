@@ -20,6 +20,7 @@ class OrbitKind(Enum):
     UNSETTLED = "unsettled"
     NO_IMPACTS = "no impacts"
     QUASI_PERIODIC = "quasi-periodic"
+    NO_MOTION = "no motion"
 
 
 @final

@@ -14,6 +14,7 @@ from typing import Any, final
 import numpy as np
 
 from dynkit.core.cost import Cost
+from dynkit.core.no_motion import NoMotion, Refused
 from dynkit.core.validation import Array, finite_array, read_only
 from dynkit.data.store import identity_of
 from dynkit.dynamics.attractor import Attractor
@@ -22,6 +23,9 @@ from dynkit.engine.collecting import Anything, Columns, Findings, Points, Rows
 from dynkit.labels.label import OrbitKind, OrbitLabel
 
 KIND = "sweep"
+
+NONE = OrbitKind.NO_MOTION.value
+"""How the ending begins at a value without a motion."""
 
 _MOST_RUNS = 16
 """Largest number of runs in which a displaced motion may leave an orbit. With the default 800
@@ -117,7 +121,7 @@ class Plan(Points):
         shape, work = (len(values), self.keep), Counter[str]()
         kept = {name: np.full(shape, np.nan) for name in self.observables}
         counts, displaced, finals, endings = [], [], [], []
-        start = self.start_after(before)
+        start, note = self.start_after(before), None
         for place, value in enumerate(values.tolist()):
             try:
                 # a system at another value may know what does not depend on the parameter
@@ -126,30 +130,34 @@ class Plan(Points):
                     motion, moved = self.following(system, start)
                 else:
                     motion, moved = self.motion(system, start), False
+                found = {name: motion.observable(name) for name in kept}
             except Exception as error:
-                error.add_note(f"at {self.parameter} {value}")
-                raise
-            seen = 0
+                if not isinstance(error, NoMotion) or isinstance(error, Refused):
+                    error.add_note(f"at {self.parameter} {value}")
+                    raise
+                counts.append(0)
+                displaced.append(False)
+                # the next value of a following sweep has the start of this one
+                finals.append(system.pack_state(system.default_start if start is None else start))
+                endings.append(f"{NONE}: {error}")
+                continue
             for name, rows in kept.items():
-                found = motion.observable(name)
-                seen = len(found)
-                rows[place, :seen] = found
-            counts.append(seen)
+                rows[place, : len(found[name])] = found[name]
+            counts.append(len(found[self.observables[0]]))
             displaced.append(moved)
             finals.append(system.pack_state(motion.final))
             endings.append(str(motion.ending.value))
             for name, count in motion.cost.counts.items():
                 work[name] += count
+            if self.follow:  # the next task need not unpack this state from the rows of the engine
+                self._known["last"] = value, motion.final
+                note = partial(self._note, value, motion)
         arrays: dict[str, Anything] = {f"observables/{name}": rows for name, rows in kept.items()}
         arrays |= {
             "final": np.array(finals),
             "count": np.array(counts, dtype=np.int64),
             "displaced": np.array(displaced, dtype=np.bool_),
         }
-        note = None
-        if self.follow:  # the next task need not unpack this state from the rows of the engine
-            self._known["last"] = value, motion.final
-            note = partial(self._note, value, motion)
         return Rows(arrays, {"ending": endings}, Cost(time.perf_counter() - began, work), note)
 
     def _note(self, value: float, motion: Attractor) -> str:

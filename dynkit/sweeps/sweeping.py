@@ -31,8 +31,8 @@ from dynkit.data.store import Archive, arrays_of, kind_of
 from dynkit.dynamics.attractor import Attractor
 from dynkit.dynamics.map import Map
 from dynkit.engine.collecting import MOST_POINTS, Rows, collect
-from dynkit.labels.label import OrbitLabel
-from dynkit.sweeps.plan import KIND, Plan, known_names, packed_start, swept_values
+from dynkit.labels.label import OrbitKind, OrbitLabel
+from dynkit.sweeps.plan import KIND, NONE, Plan, known_names, packed_start, swept_values
 from dynkit.sweeps.swept import Swept
 from dynkit.viewer.page import Page
 from dynkit.viewer.viewing import Viewed
@@ -87,8 +87,8 @@ def sweep(
     start : state, optional
         Start of the first value; by default that of the system. A plain map needs one.
     follow : bool
-        Whether each value starts from the last state of the value before it; otherwise all values
-        have the same start.
+        Whether each value starts from the last state of the last value before it that has a motion;
+        otherwise all values have the same start.
     executor : concurrent.futures.Executor, optional
         Executor that simulates chunks of values, with ``follow=False`` only: processes, threads,
         Dask, MPI. The result is the same bits with any executor and any number of workers, and
@@ -176,7 +176,8 @@ class Sweep(Viewed, Swept):
         Whether the motion lay on an unstable orbit and was displaced to leave it; see `sweep`.
         False throughout for independent starts.
     endings : tuple of str
-        Why the simulation ended at each value.
+        Why the simulation ended at each value. Where the motion runs away, or has no next state
+        for another reason, it is "no motion: " with the message of the exception.
     cost : Cost
         Seconds of all workers, and counted work without that of labels.
 
@@ -292,6 +293,8 @@ class Sweep(Viewed, Swept):
         ------
         ValueError
             When there is no such value, or the sweep was loaded without its system.
+        NoMotion
+            When there is no motion at the value: its ending begins with "no motion".
         """
         place = index_in("place", place, 0, len(self) - 1)
         plan, value = self._points, float(self.values[place])
@@ -312,8 +315,13 @@ class Sweep(Viewed, Swept):
             As `attractor`.
         """
         if place not in self._labels:
-            self._labels[place] = self.attractor(place).label
+            none = OrbitLabel(OrbitKind.NO_MOTION, None, None, 0.0, 0.0, 0)
+            self._labels[place] = self.attractor(place).label if self._moves(place) else none
         return self._labels[place]
+
+    def _moves(self, place: int) -> bool:
+        """Whether there is a motion at ``values[place]``."""
+        return not self.endings[index_in("place", place, 0, len(self) - 1)].startswith(NONE)
 
     def plot(self, ax: Axes | None = None) -> Axes:
         """Draw the first observable at the kept states against the parameter.
@@ -381,6 +389,9 @@ class Sweep(Viewed, Swept):
 
         It is the distance to the exact motion from the start of that value, which is taken as
         exact: a stable motion loses all memory of its start. In chaos the error is as large as the
-        attractor, and only the distribution of many states has a meaning.
+        attractor, and only the distribution of many states has a meaning. It is NaN where there is
+        no motion.
         """
-        return read_only(np.array([self.attractor(place).error for place in range(len(self))]))
+        moves = map(self._moves, range(len(self)))
+        errors = [self.attractor(i).error if there else np.nan for i, there in enumerate(moves)]
+        return read_only(np.array(errors))

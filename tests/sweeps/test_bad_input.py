@@ -1,4 +1,5 @@
 from collections.abc import Callable
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -6,8 +7,10 @@ import numpy as np
 import pytest
 
 import dynkit.data.store
-from dynkit import basins, parameter_map, sweep
-from dynkit.core.no_motion import Diverged
+from dynkit import Map, Sweep, basins, parameter_map, sweep
+from dynkit.analysis import BifurcationDiagram
+from dynkit.core.no_motion import Diverged, Refused
+from dynkit.core.validation import Array
 from dynkit.systems import Henon, Logistic
 from tests.scaling.cases import STARTS, VALUES
 from tests.sweeps.cases import (
@@ -100,11 +103,52 @@ def test_a_map_needs_a_start() -> None:
         sweep_rates(start=None)
 
 
+@dataclass(frozen=True)
+class Shrinking(Map):
+    """The logistic map on states below a bound."""
+
+    bound: float = 1.0
+
+    @property
+    def dimension(self) -> int:
+        return 1
+
+    def __call__(self, state: Array) -> Array:
+        if state[0] > self.bound:
+            raise Refused(f"state[0] must not exceed {self.bound}; got {state[0]}")
+        return 3.2 * state * (1.0 - state)
+
+
 def test_a_motion_that_is_refused_on_the_way_keeps_what_was_finished(tmp_path: Path) -> None:
-    store = tmp_path / "x.h5"
-    with pytest.raises(Diverged, match=r"runs away: state\[0\] is -inf .*\nat rate 4\.5$"):
-        sweep(Logistic(3.0), "rate", [3.2, 4.5], start=START, store=store, progress=False)
+    store, values = tmp_path / "x.h5", [1.0, 0.6]
+    with pytest.raises(Refused, match=r"^state\[0\] must not exceed 0\.6; got .*\nat bound 0\.6$"):
+        sweep(Shrinking(), "bound", values, start=START, store=store, progress=False)
     assert len(dynkit.data.store.read(store).arrays["done"]) == 1
+
+
+@pytest.mark.parametrize("follow", [True, False])
+def test_a_sweep_goes_on_after_a_motion_that_runs_away(tmp_path: Path, follow: bool) -> None:
+    store, values = tmp_path / "x.h5", [4.5, 3.2, 5.0, 4.5, 3.5]
+    options: dict[str, Any] = {"start": START, "follow": follow, "progress": False}
+    found = sweep(Logistic(3.0), "rate", values, store=store, **options)
+    assert [label.name for label in found.labels] == [
+        *("no motion", "P(2)", "no motion", "no motion", "P(4)")
+    ]
+    assert found.endings[0].startswith("no motion: the motion runs away: state[0] is -inf")
+    assert found.counts.tolist() == [0, 100, 0, 0, 100]
+    assert np.isnan(found.observable("state[0]")).sum(axis=1).tolist() == [100, 0, 100, 100, 0]
+    assert np.isnan(found.error).tolist() == [True, False, True, True, False]
+    # a following sweep goes on from the last state of the last motion
+    start = found.attractor(1).final if follow else np.array(START)
+    alone = Logistic(3.5).attractor(start=start)
+    assert found.observable("state[0]")[4].tolist() == alone.states[:, 0].tolist()
+    with pytest.raises(Diverged, match="runs away"):
+        found.attractor(2)
+    loaded = Sweep.load(store, Logistic())
+    assert loaded.endings == found.endings
+    assert loaded.label(3).name == "no motion"
+    assert loaded.attractor(4).label == found.label(4)
+    assert BifurcationDiagram.of(found).intervals[0].label == "no motion"
 
 
 @pytest.mark.parametrize("place", [-1, 40])
