@@ -24,10 +24,8 @@ from dynkit.orbits.equations import ProblemSolution
 from dynkit.orbits.map_orbit import MapOrbit
 from dynkit.orbits.newton import NoConvergence
 from dynkit.orbits.periodic_orbit import periodic_orbit
-from dynkit.sweeps.basins.result import Basins
-from dynkit.sweeps.plan import KIND as SWEEP
-from dynkit.sweeps.planes.plan import KIND as PLANE
-from dynkit.sweeps.planes.result import ParameterMap
+from dynkit.sweeps.basins import Basins
+from dynkit.sweeps.planes import ParameterMap
 from dynkit.sweeps.sweeping import Sweep
 from dynkit.systems.impact.impact_map import ImpactMap
 from dynkit.systems.impact.orbits.orbit import ImpactOrbit
@@ -35,7 +33,7 @@ from dynkit.systems.impact.oscillators.attractor import ImpactAttractor
 from dynkit.systems.impact.records.record import ImpactRecord
 from dynkit.systems.impact.simulation.driven_structure import OF_TABLE
 
-_KINDS: Mapping[str, Any] = {SWEEP: Sweep, PLANE: ParameterMap}
+_KINDS: Mapping[str, Any] = {kind._kind.KIND: kind for kind in (Sweep, ParameterMap)}
 _SAVED: Mapping[str, Any] = {
     kind.__name__: kind for kind in (Branch, BifurcationCurve, Network, Basins)
 }

@@ -44,7 +44,7 @@ class Family(Extensible, Shown):
     @property
     def parameters(self) -> Mapping[str, float]:
         """The numeric parameters of this member of the family, by name."""
-        values = {name: getattr(self, name) for name in arguments(self)}
+        values = {name: getattr(self, name) for name in arguments(type(self))}
         return {
             name: float(value)
             for name, value in values.items()
@@ -93,7 +93,7 @@ class Family(Extensible, Shown):
             self.value_of(name)
         if not parameters:
             return self
-        if not arguments(self):
+        if not arguments(type(self)):
             raise TypeError(f"{type(self).__name__} has parameters but does not define `replace`")
         changed: Self = dataclasses.replace(cast("Any", self), **parameters)
         return changed
@@ -149,14 +149,9 @@ def _is_field(annotation: Any) -> bool:
     return ClassVar not in (annotation, get_origin(annotation))
 
 
-def arguments(instance: object) -> tuple[str, ...]:
-    """Return the names of the arguments of a dataclass; none for another object."""
-    kind: Any = type(instance)
-    return _arguments_of(kind)
-
-
 @lru_cache(maxsize=256)  # asked for at every step of a branch
-def _arguments_of(kind: type) -> tuple[str, ...]:
+def arguments(kind: Any) -> tuple[str, ...]:
+    """Return the names of the arguments of a dataclass; none for another class."""
     if not dataclasses.is_dataclass(kind):
         return ()
     return tuple(entry.name for entry in dataclasses.fields(kind) if entry.init)

@@ -218,7 +218,13 @@ def identity_of(system: HasIdentity) -> dict[str, str]:
     ValueError
         When a value is neither a number, a string, an array, nor a tuple of them.
     """
-    return {f"system.{name}": _text(name, value) for name, value in system.identity.items()}
+    found = {}
+    for name, value in system.identity.items():
+        text = _plain(name, value)
+        if len(text) > _LONGEST:
+            text = f"{text[:40]}... (sha256 {hashlib.sha256(text.encode()).hexdigest()})"
+        found[f"system.{name}"] = text
+    return found
 
 
 def entries_of(system: HasParameters) -> dict[str, str]:
@@ -293,13 +299,6 @@ def refuse_other_entries(
         if not same(was, now):
             short = name.removeprefix("system.")
             raise ValueError(f"store {path} was made with {short} {was}; got {now}")
-
-
-def _text(name: str, value: object) -> str:
-    text = _plain(name, value)
-    if len(text) <= _LONGEST:
-        return text
-    return f"{text[:40]}... (sha256 {hashlib.sha256(text.encode()).hexdigest()})"
 
 
 def _plain(name: str, value: object) -> str:

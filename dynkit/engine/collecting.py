@@ -6,7 +6,6 @@ import json
 import os
 import sys
 import time
-from abc import ABC, abstractmethod
 from collections import Counter
 from collections.abc import Callable, Generator, Mapping
 from concurrent.futures import Executor
@@ -35,59 +34,6 @@ _FEW, _SIZE, _MANY = 256, 32, 2048
 
 MOST_POINTS = 10_000_000
 """The findings at this many points take a gigabyte; at a millisecond each they take three hours."""
-
-
-class Points(ABC):
-    """Points that can be evaluated in any order, by any process.
-
-    A subclass must implement:
-
-    1. ``len(points)``, the number of points.
-    2. `work`, a function from the task of a chunk to its `Rows`. It is picklable, small, and
-       depends on nothing else: it returns the same bits in every process.
-    3. ``task(first, last, found)``, the task of a chunk: the points first, ..., last - 1. For a
-       chain, `found` holds the rows of all earlier points.
-    4. `entries` and `inputs`, texts and arrays by name that identify the points: a store with
-       others is refused. ``entries["kind"]`` is the kind of the store.
-    5. `columns`, the kinds and shapes of the arrays of its rows; those of a store must agree.
-
-    A subclass may implement:
-
-    6. `chained`, whether a point needs the rows of the one before it: such points are evaluated one
-       by one, in their order, without an executor.
-    """
-
-    @abstractmethod
-    def __len__(self) -> int: ...
-
-    @property
-    def chained(self) -> bool:
-        """Whether a point needs the rows of the one before it."""
-        return False
-
-    @property
-    @abstractmethod
-    def work(self) -> Callable[[Any], Rows]:
-        """Function from the task of a chunk to its rows."""
-
-    @abstractmethod
-    def task(self, first: int, last: int, found: Findings) -> Any:
-        """Return the task of a chunk."""
-
-    @property
-    @abstractmethod
-    def entries(self) -> Mapping[str, str]:
-        """Texts that identify these points, by name."""
-
-    @property
-    @abstractmethod
-    def columns(self) -> Columns:
-        """Kinds of numbers (NumPy's letters) and shapes of the findings at a point, by name."""
-
-    @property
-    @abstractmethod
-    def inputs(self) -> Mapping[str, Anything]:
-        """Arrays that identify these points, by name."""
 
 
 @final
@@ -158,6 +104,42 @@ class Findings:
         return Rows(arrays, texts, Cost(self._seconds, self._work))
 
 
+@final
+@dataclass(frozen=True, eq=False)
+class Points:
+    """Points that can be evaluated in any order, by any process.
+
+    Parameters
+    ----------
+    count : int
+    work : callable
+        Returns, when the first chunk begins, a function from the task of a chunk to its `Rows`.
+        That function is picklable, small, and depends on nothing else: it returns the same bits in
+        every process.
+    task : callable
+        ``task(first, last, found)`` returns the task of a chunk: the points first, ..., last - 1.
+        For a chain, `found` holds the rows of all earlier points.
+    entries : mapping of str to str
+        Texts that identify the points: a store with others is refused. ``entries["kind"]`` is the
+        kind of the store.
+    inputs : mapping of str to array
+        Arrays that identify the points.
+    columns : Columns
+        Kinds and shapes of the arrays of their rows; those of a store must agree.
+    chained : bool
+        Whether a point needs the rows of the one before it: such points are evaluated one by one,
+        in their order, without an executor.
+    """
+
+    count: int
+    work: Callable[[], Callable[[Any], Rows]]
+    task: Callable[[int, int, Findings], Any]
+    entries: Mapping[str, str]
+    inputs: Mapping[str, Anything]
+    columns: Columns
+    chained: bool = False
+
+
 # Largest fraction of the time that writing may take, and least time between writes in seconds.
 _SHARE, _LEAST_INTERVAL = 1.0 / 20.0, 1.0
 
@@ -201,7 +183,7 @@ def collect(
             findings = _found(points, path)  # another process may have written since
             archived = partial(_archived, points, findings)
             write = opened.enter_context(kept_in(path, archived, findings.done.sum))
-        chunks = chunks_of(len(points), chained=points.chained)
+        chunks = chunks_of(points.count, chained=points.chained)
         left = [chunk for chunk in chunks if not findings.done[slice(*chunk)].all()]
         tasks = (points.task(*chunk, findings) for chunk in left)  # each is made when it begins
         bar: Any = None
@@ -211,8 +193,9 @@ def collect(
             done = int(findings.done.sum())
             bar = tqdm(total=findings.count, initial=done, unit="point", file=sys.stderr)
             opened.enter_context(bar)
-        found = map(points.work, tasks) if executor is None else None
-        for number, rows in enumerate(found) if found else finished(points.work, tasks, executor):
+        work = points.work()
+        found = enumerate(map(work, tasks)) if executor is None else finished(work, tasks, executor)
+        for number, rows in found:
             findings.add(slice(*left[number]), rows)
             if write is not None:
                 write()
@@ -226,7 +209,7 @@ def collect(
 
 def save_rows(path: str | os.PathLike[str], points: Points, rows: Rows) -> None:
     """Write the rows of all points to a store; ValueError where it cannot be written."""
-    findings = Findings(len(points))
+    findings = Findings(points.count)
     findings.add(slice(None), rows)
     stores.save(path, _archived(points, findings))
 
@@ -283,17 +266,17 @@ def _archived(points: Points, findings: Findings) -> stores.Archive:
     for name, texts in rows.texts.items():
         arrays[f"texts/{name}"] = np.array([code[text] for text in texts], dtype=np.int64)
     arrays["done"] = np.flatnonzero(findings.done)
-    return stores.Archive({**points.entries, "points": str(len(points)), **found}, arrays)
+    return stores.Archive({**points.entries, "points": str(points.count), **found}, arrays)
 
 
 def _found(points: Points, path: Path | None) -> Findings:
     if path is None or not path.exists():
-        return Findings(len(points))
+        return Findings(points.count)
     archive, findings = read_rows(path, points.entries["kind"])
     refuse_other(path, points, archive)
     with stores.understood(path, points.entries["kind"]):
         made = archive.entries["dynkit"]
-        refuse_misfits(points, findings)
+        refuse_misfits(findings, points.count, points.columns, chained=points.chained)
     if not findings.done.all():
         refuse_other_version(path, made)
     return findings
@@ -307,8 +290,8 @@ def refuse_other_version(path: Path, made: str) -> None:
         )
 
 
-def refuse_misfits(points: Points, findings: Findings) -> None:
-    """Raise when the findings of a store are impossible for these points.
+def refuse_misfits(findings: Findings, count: int, columns: Columns, *, chained: bool) -> None:
+    """Raise when the findings of a store are impossible for this number of points.
 
     Call it inside `dynkit.data.store.understood`.
 
@@ -317,13 +300,13 @@ def refuse_misfits(points: Points, findings: Findings) -> None:
     LookupError, ValueError
         When a column is missing, or does not fit.
     """
-    if findings.count != len(points):
-        raise ValueError(f"{findings.count} points instead of {len(points)}")
+    if findings.count != count:
+        raise ValueError(f"{findings.count} points instead of {count}")
     if not findings.done.any():
         return
-    if points.chained and not findings.done[: int(findings.done.sum())].all():
+    if chained and not findings.done[: int(findings.done.sum())].all():
         raise ValueError("done lacks a point on which later points depend")
-    for name, (letter, shape) in points.columns.items():
+    for name, (letter, shape) in columns.items():
         found = findings.arrays[name]
         alike = [b in (None, a) for a, b in zip(found.shape[1:], shape, strict=False)]
         if found.dtype.kind != letter or found.ndim != 1 + len(shape) or not all(alike):
@@ -339,7 +322,7 @@ def refuse_other(path: Path, points: Points, archive: stores.Archive) -> None:
     ValueError
         The message names the first difference: entries first, then arrays, then the system.
     """
-    made, asked = archive.entries, {**points.entries, "points": str(len(points))}
+    made, asked = archive.entries, {**points.entries, "points": str(points.count)}
     names = [*asked, *(name for name in made if name.startswith("system.") and name not in asked)]
     of_system = [name for name in names if name.startswith("system.")]
     others = [name for name in names if name not in of_system]

@@ -39,64 +39,7 @@ def dd_multiply(a: float, a_low: float, b: float, b_low: float) -> tuple[float, 
 
 
 @kernel()
-def _dd_matmul(a: Array, b: Array, out: Array) -> None:
-    """Multiply two 2x2 double-double matrices of 8 numbers each; `out` is modified in place."""
-    for i in range(2):
-        for j in range(2):
-            p, p_low = dd_multiply(a[2 * i], a[4 + 2 * i], b[j], b[4 + j])
-            q, q_low = dd_multiply(a[2 * i + 1], a[5 + 2 * i], b[2 + j], b[6 + j])
-            out[2 * i + j], out[4 + 2 * i + j] = dd_add(p, p_low, q, q_low)
-
-
-@kernel(entry=True)
-def fill_steps(
-    generator: Array,
-    generator_low: Array,
-    smallest: float,
-    first: int,
-    last: int,
-    step: Array,
-    work: Array,
-) -> None:
-    """Compute propagators of the slots `first` to `last` - 1 over every rung, in double-double.
-
-    The method is a Taylor series over the smallest step, then repeated squaring. `step` and the
-    scratch (4, 8) array `work` are modified in place.
-    """
-    scaled = work[0]
-    term = work[1]
-    total = work[2]
-    product = work[3]
-    for k in range(first, last):
-        for i in range(4):
-            scaled[i] = generator[i, k] * smallest
-            scaled[4 + i] = generator_low[i, k] * smallest
-            term[i] = 1.0 if i == 0 or i == 3 else 0.0
-            term[4 + i] = 0.0
-            total[i] = term[i]
-            total[4 + i] = 0.0
-        for order in range(1, 26):
-            _dd_matmul(term, scaled, product)
-            for i in range(4):
-                # division by a small integer: the quotient, then the quotient of the remainder
-                quotient = product[i] / order
-                p, e = two_product(quotient, float(order))
-                rest = ((product[i] - p) - e + product[4 + i]) / order
-                term[i] = quotient + rest
-                term[4 + i] = rest - (term[i] - quotient)
-                total[i], total[4 + i] = dd_add(total[i], total[4 + i], term[i], term[4 + i])
-        for j in range(step.shape[0]):
-            for i in range(8):
-                step[j, i, k] = total[i]
-            _dd_matmul(total, total, product)
-            for i in range(8):
-                total[i] = product[i]
-
-
-@kernel()
-def _dense_product(
-    a: Array, a_low: Array, b: Array, b_low: Array, out: Array, out_low: Array
-) -> None:
+def _multiply(a: Array, a_low: Array, b: Array, b_low: Array, out: Array, out_low: Array) -> None:
     """Multiply two square double-double matrices; `out` and `out_low` are modified in place."""
     n = a.shape[0]
     for i in range(n):
@@ -111,45 +54,50 @@ def _dense_product(
 
 
 @kernel(entry=True)
-def fill_coupled_steps(
-    generator: Array, generator_low: Array, smallest: float, step: Array, work: Array
+def fill_steps(
+    generator: Array,
+    generator_low: Array,
+    smallest: float,
+    orders: int,
+    first: int,
+    last: int,
+    step: Array,
+    work: Array,
 ) -> None:
-    """Compute propagators (rungs, n, n) of coupled pairs over every rung, in double-double.
+    """Compute propagators of the systems `first` to `last` - 1 over every rung, in double-double.
 
-    The method is a Taylor series over the smallest step, then repeated squaring. `step` and the
-    scratch (6, n, n) array `work` are modified in place.
+    The method is a Taylor series over the smallest step, then repeated squaring. Generators are
+    (n, n, systems). `step` (rungs, 2, n, n, systems), high and low parts, and the scratch array
+    `work` (8, n, n) are modified in place.
     """
     n = generator.shape[0]
-    term = work[0]
-    term_low = work[1]
-    total = work[2]
-    total_low = work[3]
-    for i in range(n):
-        for j in range(n):
-            term[i, j] = 1.0 if i == j else 0.0
-            term_low[i, j] = 0.0
-            total[i, j] = term[i, j]
-            total_low[i, j] = 0.0
-    for order in range(1, 40):
-        _dense_product(term, term_low, generator, generator_low, work[4], work[5])
+    scaled, scaled_low, term, term_low = work[0], work[1], work[2], work[3]
+    total, total_low, product, product_low = work[4], work[5], work[6], work[7]
+    for k in range(first, last):
         for i in range(n):
             for j in range(n):
                 # the product with the smallest step, a power of two, is exact
-                value = work[4, i, j] * smallest
-                quotient = value / order
-                p, e = two_product(quotient, float(order))
-                rest = ((value - p) - e + work[5, i, j] * smallest) / order
-                term[i, j] = quotient + rest
-                term_low[i, j] = rest - (term[i, j] - quotient)
-                total[i, j], total_low[i, j] = dd_add(
-                    total[i, j], total_low[i, j], term[i, j], term_low[i, j]
-                )
-    for rung in range(step.shape[0]):
-        for i in range(n):
-            for j in range(n):
-                step[rung, i, j] = total[i, j]
-        _dense_product(total, total_low, total, total_low, work[4], work[5])
-        for i in range(n):
-            for j in range(n):
-                total[i, j] = work[4, i, j]
-                total_low[i, j] = work[5, i, j]
+                scaled[i, j] = generator[i, j, k] * smallest
+                scaled_low[i, j] = generator_low[i, j, k] * smallest
+                term[i, j] = total[i, j] = 1.0 if i == j else 0.0
+                term_low[i, j] = total_low[i, j] = 0.0
+        for order in range(1, orders):
+            _multiply(term, term_low, scaled, scaled_low, product, product_low)
+            for i in range(n):
+                for j in range(n):
+                    # division by a small integer: the quotient, then the quotient of the remainder
+                    quotient = product[i, j] / order
+                    p, e = two_product(quotient, float(order))
+                    rest = ((product[i, j] - p) - e + product_low[i, j]) / order
+                    term[i, j] = quotient + rest
+                    term_low[i, j] = rest - (term[i, j] - quotient)
+                    total[i, j], total_low[i, j] = dd_add(
+                        total[i, j], total_low[i, j], term[i, j], term_low[i, j]
+                    )
+        for rung in range(step.shape[0]):
+            for i in range(n):
+                for j in range(n):
+                    step[rung, 0, i, j, k] = total[i, j]
+                    step[rung, 1, i, j, k] = total_low[i, j]
+            _multiply(total, total_low, total, total_low, product, product_low)
+            total, total_low, product, product_low = product, product_low, total, total_low

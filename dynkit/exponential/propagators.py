@@ -34,6 +34,10 @@ LONGEST, BEYOND = 46, 20
 """Least number of rungs for propagation over long times, and number of rungs beyond those of a
 search: the longest step is then 2^20 times as long, so that few steps are taken one by one."""
 
+_ORDERS, _COUPLED_ORDERS = 26, 40
+"""Numbers of terms of the Taylor series over the smallest step: of a pair, and of coupled pairs,
+whose matrix may have a larger norm."""
+
 # A call of the search examines _NUMBERS_OF_A_CALL / (n + _LEAST_SLOTS) cells of n slots. A cell of
 # n = 8 to 208 slots takes 1.7 to 2.4 ns times (n + 64) at 2.5 GHz, and up to ten times as long with
 # a Taylor polynomial: a call takes 10 to 100 ms.
@@ -149,8 +153,9 @@ def steps(pairs: Pairs, smallest: float, rungs: int) -> Array:
 
 
 def _fill_steps(pairs: Pairs, smallest: float, first: int, last: int, step: Array) -> None:
-    low, work = pairs.generator_low, np.empty((4, 8))
-    _kernels()[0].fill_steps(pairs.generator, low, smallest, first, last, step, work)
+    parts = (part.reshape(2, 2, -1) for part in (pairs.generator, pairs.generator_low))
+    into = step.reshape(-1, 2, 2, 2, step.shape[2])
+    _kernels()[0].fill_steps(*parts, smallest, _ORDERS, first, last, into, np.empty((8, 2, 2)))
 
 
 def _links(
@@ -170,15 +175,11 @@ def _links(
     direct = parts[0]
     for t, s, b in zip(target, source, pairs.coupling.T.reshape(-1, 2, 2), strict=True):
         direct[t, :, s] += b
-    step = np.empty((rungs, 2 * m, 2 * m))
-    _kernels()[0].fill_coupled_steps(
-        direct.reshape(2 * m, 2 * m),
-        parts[1].reshape(2 * m, 2 * m),
-        smallest,
-        step,
-        np.empty((6, 2 * m, 2 * m)),
-    )
-    both = np.concatenate([direct.reshape(1, m, 2, m, 2), step.reshape(rungs, m, 2, m, 2)])
+    n = 2 * m
+    step, work = np.empty((rungs, 2, n, n, 1)), np.empty((8, n, n))
+    generators = (part.reshape(n, n, 1) for part in parts)
+    _kernels()[0].fill_steps(*generators, smallest, _COUPLED_ORDERS, 0, 1, step, work)
+    both = np.concatenate([direct[None], step[:, 0].reshape(rungs, m, 2, m, 2)])
     reached = np.zeros((m, m), dtype=bool)
     reached[target, source] = True
     for _ in range(m):

@@ -2,43 +2,188 @@
 
 from __future__ import annotations
 
-import json
+import math
 import os
+import time
+from collections import Counter
 from collections.abc import Sequence
 from concurrent.futures import Executor
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, ClassVar, final
+from functools import partial
+from typing import TYPE_CHECKING, Any, ClassVar, final
 
 import numpy as np
 from numpy.typing import NDArray
 
 from dynkit.core.cost import Cost
 from dynkit.core.kept import cached_property
+from dynkit.core.no_motion import NoMotion, Refused
 from dynkit.core.reprs import Facts, line_of
 from dynkit.core.smooth_map import checked_map
-from dynkit.core.validation import (
-    Array,
-    boolean,
-    index_in,
-    non_negative_integer,
-    one_of,
-    positive_integer,
-    read_only,
-    within_memory,
-)
+from dynkit.core.validation import Array, boolean, index_in, one_of, read_only, within_memory
 from dynkit.data.dataset import Dataset, described, known_error
-from dynkit.data.store import Archive, arrays_of, kind_of
+from dynkit.data.store import Archive, arrays_of
 from dynkit.dynamics.attractor import Attractor
 from dynkit.dynamics.map import Map
-from dynkit.engine.collecting import MOST_POINTS, Rows, collect
+from dynkit.engine.collecting import MOST_POINTS, Anything, Columns, Findings, Points, Rows, collect
 from dynkit.labels.label import OrbitKind, OrbitLabel
-from dynkit.sweeps.plan import KIND, NONE, Plan, known_names, packed_start, swept_values
+from dynkit.sweeps.plan import Plan, swept_values
 from dynkit.sweeps.swept import Swept
 from dynkit.viewer.page import Page
 from dynkit.viewer.viewing import Viewed
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
+
+_NONE = OrbitKind.NO_MOTION.value
+"""How the ending begins at a value without a motion."""
+
+_MOST_RUNS = 16
+"""Largest number of runs in which a displaced motion may leave an orbit. With the default 800
+states a run they suffice where the largest multiplier exceeds 1.0014 per state."""
+
+
+@final
+@dataclass(frozen=True, eq=False, kw_only=True)
+class SweepPlan(Plan):
+    """The plan of a sweep."""
+
+    KIND = "sweep"
+    # in `work` alone: the system at the value simulated last, and that value with its last state
+    _known: dict[str, Any] = field(default_factory=dict, init=False, repr=False)
+
+    def points(self, values: Array) -> Points:
+        """Return values of the parameter, (k,), as points of the engine."""
+        return Points(
+            len(values),
+            lambda: self,
+            partial(self.task, values),
+            self.entries(parameter=self.names[0], follow=str(self.follow)),
+            {"values": values, "start": self.start},
+            self.columns,
+            self.follow,
+        )
+
+    def task(
+        self, values: Array, first: int, last: int, found: Findings | Rows
+    ) -> tuple[Array, tuple[float, Array] | None]:
+        """Return some values, and the value before them with its last state, if they follow it."""
+        if not self.follow or not first:
+            return values[first:last], None
+        return values[first:last], (float(values[first - 1]), found.arrays["final"][first - 1])
+
+    @property
+    def columns(self) -> Columns:
+        observables = dict.fromkeys(self.observables, ("f", (self.keep,)))
+        return {
+            "count": ("i", ()),
+            "displaced": ("b", ()),
+            "final": ("f", (None,)),
+            **{f"observables/{name}": column for name, column in observables.items()},
+        }
+
+    def __call__(self, task: tuple[Array, tuple[float, Array] | None]) -> Rows:
+        """Simulate some values, where each may follow the value before it."""
+        (values, before), began = task, time.perf_counter()
+        shape, work = (len(values), self.keep), Counter[str]()
+        kept = {name: np.full(shape, np.nan) for name in self.observables}
+        counts, displaced, finals, endings = [], [], [], []
+        start, note = self.start_after(before), None
+        for place, value in enumerate(values.tolist()):
+            try:
+                system = self._known["system"] = self.system_at(value)
+                if self.follow:
+                    motion, moved = self.following(system, start)
+                else:
+                    motion, moved = self.motion(system, start), False
+                found = {name: motion.observable(name) for name in kept}
+            except Exception as error:
+                if not isinstance(error, NoMotion) or isinstance(error, Refused):
+                    error.add_note(f"at {self.names[0]} {value}")
+                    raise
+                counts.append(0)
+                displaced.append(False)
+                # the next value of a following sweep has the start of this one
+                finals.append(system.pack_state(system.default_start if start is None else start))
+                endings.append(f"{_NONE}: {error}")
+                continue
+            for name, rows in kept.items():
+                rows[place, : len(found[name])] = found[name]
+            counts.append(len(found[self.observables[0]]))
+            displaced.append(moved)
+            finals.append(system.pack_state(motion.final))
+            endings.append(str(motion.ending.value))
+            for name, count in motion.cost.counts.items():
+                work[name] += count
+            if self.follow:  # the next task need not unpack this state from the rows of the engine
+                self._known["last"] = value, motion.final
+                note = partial(self._note, value, motion)
+        arrays: dict[str, Anything] = {f"observables/{name}": rows for name, rows in kept.items()}
+        arrays |= {
+            "final": np.array(finals),
+            "count": np.array(counts, dtype=np.int64),
+            "displaced": np.array(displaced, dtype=np.bool_),
+        }
+        return Rows(arrays, {"ending": endings}, Cost(time.perf_counter() - began, work), note)
+
+    def _note(self, value: float, motion: Attractor) -> str:
+        """Return a value and its label from the kept states: a full label would cost too much."""
+        label = motion.label_within(self.keep)
+        name = "..." if label.kind is OrbitKind.UNSETTLED else str(label)
+        return f"{self.names[0]} {value:.6g}: {name}"
+
+    def start_after(self, before: tuple[float, Array] | None) -> Any:
+        """Return the start after a value and its packed last state; that of the first for None."""
+        if before is None:
+            return self.first.unpack_state(self.start) if len(self.start) else None
+        value, packed = before
+        known, state = self._known.get("last", (None, None))
+        return state if known == value else self.system_at(value).unpack_state(packed)
+
+    def system_at(self, value: float) -> Map:
+        """Return the system at a value."""
+        # a system at another value may know what does not depend on the parameter
+        known: Map = self._known.get("system", self.first)
+        return known.replace(**{self.names[0]: value})
+
+    def following(self, system: Map, start: Any) -> tuple[Attractor, bool]:
+        """Simulate and leave unstable orbits; return the motion, and whether it was displaced.
+
+        Only the kept states are examined. Where they recur, and neither norms nor multipliers prove
+        that the orbit is stable, the last state is displaced and the motion simulated from there,
+        until disturbances of this size have had time to grow to the size of the motion. Where the
+        multipliers prove neither stability nor instability, and the displaced motion remains near
+        the orbit, the orbit is not unstable: the motion before the displacement is returned.
+        """
+        motion = self.motion(system, start)
+        if motion._stays:
+            return motion, False
+        label = motion.label_within(self.keep)
+        if label.kind not in (OrbitKind.PERIODIC, OrbitKind.STICKING) or label.stable:
+            return motion, False
+        # geometric mean of the error of an iterate, relative to the motion's size, and of that size
+        size = math.sqrt(system.accuracy)
+        away = system.displaced(motion, size)
+        for _ in range(self._runs_to_leave(label, size)):
+            away = self.motion(system, away).final
+        left = self.motion(system, away)
+        if label.stable is None and _near(motion, left, size):
+            return motion, False
+        return left, True
+
+    def _runs_to_leave(self, label: OrbitLabel, size: float) -> int:
+        """Return the number of runs, of transient + keep states each, for growth to size one."""
+        if label.stable is None:
+            return 0
+        states = (label.iterates or 1) * -math.log(size) / math.log(label.multiplier)
+        return min(math.ceil(states / (self.transient + self.keep)), _MOST_RUNS)
+
+
+def _near(orbit: Attractor, other: Attractor, size: float) -> bool:
+    """Whether the last state of another motion is near an orbit, relative to the orbit's size."""
+    states, there = (orbit.system.without_shift(o.states) for o in (orbit, other))
+    nearest = float(np.linalg.norm(orbit.system.difference(states, there[-1]), axis=1).min())
+    return nearest <= size * (float(np.linalg.norm(states, axis=1).max()) or 1.0)
 
 
 def sweep(
@@ -131,25 +276,29 @@ def sweep(
     array = swept_values("values", values)
     if len(array) > MOST_POINTS:
         raise ValueError(f"values must not be more than {MOST_POINTS}; got {len(array)}")
-    skipped = non_negative_integer("transient", transient)
-    kept = positive_integer("keep", keep)
-    names = known_names(system.observables, observables)
-    within_memory("keep", kept, 8.0 * kept * len(array) * len(names))
     for place, value in enumerate(array.tolist()):
         try:
             system.replace(**{parameter: value})
         except ValueError as refusal:
             raise ValueError(f"{refusal} in values[{place}]") from refusal
-    packed = packed_start(system.replace(**{parameter: float(array[0])}), start)
     following = boolean("follow", follow)
     if following and executor is not None:
         raise ValueError(
             "executor must be None when each value starts from the last state of the one before "
             f"it (follow=False makes them independent); got {executor!r}"
         )
-    kind = kind_of(system)
-    plan = Plan(system, kind, parameter, array, skipped, kept, names, packed, following)
-    return Sweep._of(plan, collect(plan, executor=executor, store=store, progress=progress))
+    plan = SweepPlan.of(
+        system,
+        {parameter: array},
+        transient=transient,
+        keep=keep,
+        observables=observables,
+        start=start,
+        follow=following,
+    )
+    within_memory("keep", plan.keep, 8.0 * plan.keep * len(array) * len(plan.observables))
+    rows = collect(plan.points(array), executor=executor, store=store, progress=progress)
+    return Sweep._of(plan, (array,), rows)
 
 
 @final
@@ -209,48 +358,44 @@ class Sweep(Viewed, Swept):
     displaced: NDArray[np.bool_]
     endings: tuple[str, ...]
     cost: Cost
-    _points: Plan
+    _plan: SweepPlan
     _rows: Rows
     _labels: dict[int, OrbitLabel] = field(default_factory=dict, init=False)
 
-    _kind: ClassVar = KIND
+    _kind: ClassVar = SweepPlan
     _words: ClassVar = ("sweep", "values")
 
     @classmethod
-    def _points_in(cls, archive: Archive) -> Plan:
+    def _plan_in(cls, archive: Archive) -> tuple[SweepPlan, tuple[Array]]:
         entries = archive.entries
         arrays = arrays_of(archive, {"given/values": ("f", 1), "given/start": ("f", 1)})
-        arrays["given/values"].setflags(write=False)
-        return Plan(
-            None,
-            entries["system"],
-            entries["parameter"],
-            arrays["given/values"],
-            int(entries["transient"]),
-            int(entries["keep"]),
-            tuple(json.loads(entries["observables"])),
-            arrays["given/start"],
-            {"True": True, "False": False}[entries["follow"]],
-        )
+        follow = {"True": True, "False": False}[entries["follow"]]
+        start = arrays["given/start"]
+        plan = SweepPlan.stored(entries, [entries["parameter"]], start, follow=follow)
+        return plan, (arrays["given/values"],)
 
     @classmethod
-    def _of(cls, points: Plan, rows: Rows) -> Sweep:
+    def _of(cls, plan: SweepPlan, values: Sequence[Array], rows: Rows) -> Sweep:
         """Return the result from the rows of all values."""
-        for array in rows.arrays.values():
+        for array in (*values, *rows.arrays.values()):
             array.setflags(write=False)
         return cls(
-            points.parameter,
-            points.values,
-            points.transient,
-            points.keep,
-            points.observables,
+            plan.names[0],
+            values[0],
+            plan.transient,
+            plan.keep,
+            plan.observables,
             counts=np.asarray(rows.arrays["count"]),
             displaced=np.asarray(rows.arrays["displaced"]),
             endings=tuple(rows.texts["ending"]),
             cost=rows.cost,
-            _points=points,
+            _plan=plan,
             _rows=rows,
         )
+
+    @property
+    def _axes(self) -> tuple[Array]:
+        return (self.values,)
 
     def __len__(self) -> int:
         return len(self.values)
@@ -263,7 +408,7 @@ class Sweep(Viewed, Swept):
         names = [label.name for label in self._labels.values()]  # those that were decided
         counts = [f"{name} {names.count(name)}" for name in dict.fromkeys(names)]
         return {
-            "system": line_of(self._points.system, self._points.kind, [self.parameter]),
+            "system": line_of(self._plan.system, self._plan.kind, [self.parameter]),
             self.parameter: self.values,
             "states at each": f"{self.keep} kept after {self.transient}",
             "observables": self.observables,
@@ -297,11 +442,9 @@ class Sweep(Viewed, Swept):
             When there is no motion at the value: its ending begins with "no motion".
         """
         place = index_in("place", place, 0, len(self) - 1)
-        plan, value = self._points, float(self.values[place])
-        before = None
-        if plan.follow and place:
-            before = float(self.values[place - 1]), self._rows.arrays["final"][place - 1]
-        system, start = plan.system_at(value), plan.start_after(before)
+        plan = self._plan
+        (value,), before = plan.task(self.values, place, place + 1, self._rows)
+        system, start = plan.system_at(float(value)), plan.start_after(before)
         if self.displaced[place]:
             return plan.following(system, start)[0]
         return plan.motion(system, start)
@@ -321,7 +464,7 @@ class Sweep(Viewed, Swept):
 
     def _moves(self, place: int) -> bool:
         """Whether there is a motion at ``values[place]``."""
-        return not self.endings[index_in("place", place, 0, len(self) - 1)].startswith(NONE)
+        return not self.endings[index_in("place", place, 0, len(self) - 1)].startswith(_NONE)
 
     def plot(self, ax: Axes | None = None) -> Axes:
         """Draw the first observable at the kept states against the parameter.
@@ -371,7 +514,7 @@ class Sweep(Viewed, Swept):
                 "Sweep of a parameter",
                 cost=self.cost,
                 error="estimate of the largest error of the kept states for the start of a value",
-                system=self._points.system,
+                system=self._plan.system,
                 swept=(over,),
                 transient=float(self.transient),
                 keep=float(self.keep),

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import math
 import os
 from abc import abstractmethod
-from dataclasses import replace
+from collections.abc import Sequence
 from typing import Any, ClassVar, Self
 
 from dynkit.core.smooth_map import checked_map
+from dynkit.core.validation import Array
 from dynkit.data import atomic_files as files, store
 from dynkit.data.result import Result
 from dynkit.dynamics.map import Map
@@ -19,27 +21,30 @@ class Swept(Result):
 
     A subclass must implement:
 
-    1. `_kind`, the kind of its store, and `_words`, the names of the result and of its points in
+    1. `_kind`, the class of its plan, and `_words`, the names of the result and of its points in
        messages;
-    2. `_points_in`, the points of a store, without a system;
-    3. `_of`, the result of points and rows.
-
-    The points are a dataclass with the fields `system` and `kind`, and the `names` of parameters.
+    2. `_plan_in`, the plan of a store, without a system, and the values of each parameter;
+    3. `_of`, the result of a plan, values and rows;
+    4. `_axes`, the values of each parameter.
     """
 
-    _kind: ClassVar[str]
+    _kind: ClassVar[Any]
     _words: ClassVar[tuple[str, str]]
-    _points: Any
+    _plan: Any
     _rows: Rows
 
     @classmethod
     @abstractmethod
-    def _of(cls, points: Any, rows: Rows) -> Self:
+    def _of(cls, plan: Any, values: Sequence[Array], rows: Rows) -> Self:
         """Return the result from the rows of all points."""
 
     @classmethod
     @abstractmethod
-    def _points_in(cls, archive: store.Archive) -> Any: ...
+    def _plan_in(cls, archive: store.Archive) -> tuple[Any, Sequence[Array]]: ...
+
+    @property
+    @abstractmethod
+    def _axes(self) -> Sequence[Array]: ...
 
     @classmethod
     def load(cls, path: str | os.PathLike[str], system: Map | None = None) -> Self:
@@ -58,27 +63,28 @@ class Swept(Result):
             When the file is missing, damaged or not a store of such a result, when the run is not
             finished, or was made with another system.
         """
-        file = files.place("store", path)
-        archive, found = read_rows(file, cls._kind)
-        with store.understood(file, cls._kind):
-            points = cls._points_in(archive)
-            refuse_misfits(points, found)
+        file, kind = files.place("store", path), cls._kind.KIND
+        archive, found = read_rows(file, kind)
+        with store.understood(file, kind):
+            plan, values = cls._plan_in(archive)
+            count = math.prod(map(len, values))
+            refuse_misfits(found, count, plan.columns, chained=plan.follow)
         if system is not None:
             known = checked_map(system, Map).parameters
-            for name in points.names:
+            for name in plan.names:
                 if name not in known:
                     raise ValueError(
                         f"store {file} was made with parameter {name}; got a system without it"
                     )
-            points = replace(points, system=system, kind=store.kind_of(system))
-            refuse_other(file, points, archive)
+            plan = plan.with_system(system, values)
+            refuse_other(file, plan.points(*values), archive)
         if not found.done.all():
             what, each = cls._words
             raise ValueError(
                 f"store must hold a finished {what}; got {found.done.sum()} of {found.count} "
                 f"{each} in {file}"
             )
-        return cls._of(points, found.rows())
+        return cls._of(plan, values, found.rows())
 
     def save(self, path: str | os.PathLike[str]) -> None:
         """Write the result to a store, as ``store=`` does; `load` reads it.
@@ -88,4 +94,4 @@ class Swept(Result):
         ValueError
             When the file cannot be written, or the result was loaded without its system.
         """
-        save_rows(path, self._points, self._rows)
+        save_rows(path, self._plan.points(*self._axes), self._rows)

@@ -28,7 +28,7 @@ def page_of(sweep: Any, motions: int) -> Page:
         sweep._labels[at] = attractor.label
         return attractor._series()
 
-    if sweep._points.system is None:
+    if sweep._plan.system is None:
         page = page.noting(NO_SYSTEM)
     else:
         page = page.with_series(motions, series)

@@ -98,7 +98,7 @@ def structure_of(family: Family, parameters: Iterable[str]) -> Structure:
         When it has an attribute that is no argument: expressions would not contain its value.
     """
     kind: Any = type(family)
-    known = arguments(family)
+    known = arguments(kind)
     for name in sorted(vars(family).keys() - cached_in(kind) - set(known)):
         raise TypeError(
             f"{kind.__name__}.{name} must be an argument or a property, as expressions are made of "

@@ -1,7 +1,6 @@
 """Basins of attraction: the attractor of each start."""
 
-from dynkit.sweeps.basins.basin import Basin
-from dynkit.sweeps.basins.finding import basins
-from dynkit.sweeps.basins.result import Basins
+from dynkit.sweeps.basins.finding import Basins, basins
+from dynkit.sweeps.basins.matching import Basin
 
 __all__ = ["Basin", "Basins", "basins"]

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from concurrent.futures import Executor
 from dataclasses import dataclass, field
 from typing import final
@@ -16,7 +16,7 @@ from dynkit.core.kept import cached_property
 from dynkit.core.validation import Array
 from dynkit.data.store import identity_of, kind_of
 from dynkit.dynamics.attractor import Attractor
-from dynkit.engine.collecting import Anything, Columns, Findings, Points, Rows, chunks_of
+from dynkit.engine.collecting import Findings, Points, Rows, chunks_of
 from dynkit.engine.executors import finished
 from dynkit.labels.label import COLUMNS, OrbitKind
 from dynkit.sweeps.basins.classification import Look, orbit_size
@@ -81,8 +81,8 @@ class Arriving:
 
 @final
 @dataclass(eq=False)
-class Starts(Points):
-    """All starts, (n, s), as points of the engine.
+class Starts:
+    """All starts, (n, s), as `points` of the engine.
 
     A sample of the starts, as many as the square root of their number, is simulated first. All
     others are compared with its stable periodic orbits.
@@ -98,12 +98,21 @@ class Starts(Points):
     executor: Executor | None
     sampling: Cost = field(init=False, default_factory=lambda: Cost(0.0))
 
-    def __len__(self) -> int:
-        return len(self.starts)
+    @property
+    def points(self) -> Points:
+        state, packed = self.look.sizes
+        system = {"system": kind_of(self.look.system), **identity_of(self.look.system)}
+        return Points(
+            len(self.starts),
+            self._work,
+            lambda first, last, _: self.starts[first:last],
+            {"kind": "basins of attraction", **system, **self.look.entries},
+            {"starts": self.starts},
+            {**COLUMNS, "rest": ("f", ()), "state": ("f", (state,)), "final": ("f", (packed,))},
+        )
 
-    @cached_property
-    def work(self) -> Callable[[Array], Rows]:
-        look, count = self.look, len(self)
+    def _work(self) -> Callable[[Array], Rows]:
+        look, count = self.look, len(self.starts)
         able = look.system.arrivals(self.starts[:0], (), 0, _ARRIVED) is not None
         if count < _MANY or not able:
             return look
@@ -125,27 +134,6 @@ class Starts(Points):
         for number, rows in finished(self.look, tasks, self.executor):
             findings.add(slice(*chunks[number]), rows)
         return findings.rows()
-
-    def task(self, first: int, last: int, found: Findings) -> Array:  # noqa: ARG002
-        return self.starts[first:last]
-
-    @property
-    def entries(self) -> Mapping[str, str]:
-        return {
-            "kind": "basins of attraction",
-            "system": kind_of(self.look.system),
-            **identity_of(self.look.system),
-            **self.look.entries,
-        }
-
-    @property
-    def columns(self) -> Columns:
-        state, packed = self.look.sizes
-        return {**COLUMNS, "rest": ("f", ()), "state": ("f", (state,)), "final": ("f", (packed,))}
-
-    @property
-    def inputs(self) -> Mapping[str, Anything]:
-        return {"starts": self.starts}
 
 
 def _attracts(rows: Rows, place: int) -> bool:

@@ -12,8 +12,8 @@ from dynkit.core.validation import Array
 from dynkit.labels.label import OrbitKind
 from dynkit.plotting.figures import DOTS, ink, open_symbols, shown_axes
 from dynkit.plotting.regions import Region, draw_regions, shades
-from dynkit.sweeps.basins.basin import Basin
 from dynkit.sweeps.basins.classification import NO_CROSSING, NO_STATE, RUNS_AWAY, UNSETTLED
+from dynkit.sweeps.basins.matching import Basin
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

@@ -1,26 +1,44 @@
-"""`basins`: the attractor of each start."""
+"""`basins`: the attractor of each start, and its result."""
 
 from __future__ import annotations
 
 import os
+from collections.abc import Sequence
 from concurrent.futures import Executor
+from dataclasses import dataclass, replace
 from functools import partial
+from typing import TYPE_CHECKING, Any, ClassVar, final
 
+import numpy as np
+from numpy.typing import NDArray
+
+from dynkit.core.cost import Cost
+from dynkit.core.reprs import Facts, largest, system_repr, table
 from dynkit.core.smooth_map import checked_map
 from dynkit.core.validation import (
+    Array,
     finite_array,
+    index_in,
     non_negative_integer,
     positive_integer,
     regular_array,
     within_memory,
 )
+from dynkit.data.dataset import Dataset, described
+from dynkit.data.result import Saved, read_result, write_result
+from dynkit.data.store import identity_of, kind_of, refuse_other_system, understood
+from dynkit.dynamics.attractor import Attractor
 from dynkit.dynamics.map import Map
 from dynkit.engine.collecting import MOST_POINTS, collect
 from dynkit.engine.executors import all_finished
 from dynkit.sweeps.basins.arriving import Starts
-from dynkit.sweeps.basins.classification import look_at
-from dynkit.sweeps.basins.matching import group_starts
-from dynkit.sweeps.basins.result import Basins
+from dynkit.sweeps.basins.classification import OTHER_ENDS, Look, look_at
+from dynkit.sweeps.basins.matching import Basin, group_starts
+from dynkit.viewer.page import Page
+from dynkit.viewer.viewing import Viewed
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
 
 
 def basins(
@@ -128,9 +146,224 @@ def basins(
         non_negative_integer("transient", transient),
         within_memory("keep", kept, 8.0 * kept * system.dimension),
     )
-    points = Starts(look, rows, executor)
-    found = collect(points, executor=executor, store=store, progress=progress)
+    every = Starts(look, rows, executor)
+    found = collect(every.points, executor=executor, store=store, progress=progress)
     finish = partial(all_finished, executor=executor, bar="comparison" if progress else "")
-    numbers, basins = group_starts(look, found, rows, given.shape[:-1], finish)
-    cost = points.sampling + found.cost
-    return Basins(rows.reshape(given.shape), numbers, basins, cost, look)
+    numbers, groups = group_starts(look, found, rows, given.shape[:-1], finish)
+    cost = every.sampling + found.cost
+    return Basins(rows.reshape(given.shape), numbers, groups, cost, look)
+
+
+@final
+@dataclass(frozen=True, eq=False, repr=False)
+class Basins(Viewed, Saved):
+    """The attractor of each start, and the basins of attraction; made by `dynkit.basins`.
+
+    Parameters
+    ----------
+    starts : (k1, k2, s) or (k, s) array
+        The starts, read-only.
+    numbers : (k1, k2) or (k,) array of int
+        The number of each start's attractor, read-only. Attractors are numbered in the order of the
+        first starts that lead to them. A negative number means no attractor. The numbers are -1
+        unsettled, -2 runs away, -3 comes to no next crossing, -4 no state of the system, -5 cannot
+        be followed. A position beyond the table is no state.
+    basins : tuple of Basin
+        The attractors, by their numbers.
+    cost : Cost
+        Seconds of all workers, and counted work without that of labels.
+
+    Examples
+    --------
+    >>> from dynkit import basins
+    >>> from dynkit.systems import Logistic
+    >>> found = basins(Logistic(rate=3.2), [[-0.1], [0.3], [0.5], [0.7]], progress=False)
+    >>> found
+    <Basins: 4 starts; P(2) 3, runs away 1>
+    >>> found.numbers.tolist(), found.basins[0].fraction
+    ([-2, 0, 0, 0], 0.75)
+    >>> found.outcome(0)
+    'runs away'
+    """
+
+    _stored: ClassVar = ("starts", "numbers", "basins", "cost")
+    starts: Array
+    numbers: NDArray[np.int64]
+    basins: tuple[Basin, ...]
+    cost: Cost
+    _look: Look | None
+
+    def __post_init__(self) -> None:
+        self.starts.setflags(write=False)
+        self.numbers.setflags(write=False)
+
+    @property
+    def error(self) -> Array:
+        """Standard errors of the fractions, (number of basins,), if the starts are random."""
+        return np.array([basin.error for basin in self.basins])
+
+    def __len__(self) -> int:
+        return len(self.basins)
+
+    def __repr__(self) -> str:
+        shown = [f"{basin.label} {basin.count}" for basin in self.basins]
+        for number, text in OTHER_ENDS.items():
+            count = int((self.numbers == number).sum())
+            shown += [f"{text} {count}"] if count else []
+        sizes = " x ".join(map(str, self.numbers.shape))
+        return f"<Basins: {sizes} starts; {', '.join(shown)}>"
+
+    def _facts(self) -> Facts:
+        counts = {text: int((self.numbers == n).sum()) for n, text in OTHER_ENDS.items()}
+        return {
+            "system": self._look and system_repr(self._look.system, 6),
+            "starts": " x ".join(map(str, self.numbers.shape)),
+            **{text: count or None for text, count in counts.items()},
+            "cost": self.cost,
+        }
+
+    def _tables(self) -> list[str]:
+        rows = [(b.number, b.label, b.count, b.fraction, largest(b.error)) for b in self.basins]
+        heads = ("attractor", "label", "starts", "fraction", "error")
+        return [table("Attractors", rows, heads)] if rows else []
+
+    def outcome(self, *place: int) -> str:
+        """Return the outcome of one start in words: the label of its attractor, or why it has none.
+
+        Parameters
+        ----------
+        place : int
+            Indices of the start: two, or one for starts in a row.
+
+        Raises
+        ------
+        ValueError
+            When there is no such start.
+        """
+        number = int(self.numbers[self._place(place)])
+        return OTHER_ENDS[number] if number < 0 else str(self.basins[number].label)
+
+    def attractor(self, *place: int) -> Attractor:
+        """Simulate one start again and return its attractor, the same bits.
+
+        Parameters
+        ----------
+        place : int
+            Indices of the start: two, or one for starts in a row.
+
+        Raises
+        ------
+        ValueError
+            When there is no such start, or the basins were loaded without their system.
+        NoMotion
+            When there is no motion from the start.
+        """
+        if self._look is None:
+            raise ValueError("system must be given to Basins.load to get motions back; got None")
+        return self._look.motion(self.starts[self._place(place)])
+
+    @property
+    def coordinates(self) -> Sequence[str]:
+        """Names of the numbers of a start, (s,); ``start[0]`` and so on without a system."""
+        if self._look is None:
+            return [f"start[{i}]" for i in range(self.starts.shape[-1])]
+        names: Sequence[str] = self._look.system.start_names
+        return names
+
+    def plot(self, ax: Axes | None = None) -> Axes:
+        """Draw the basins, and return the axes.
+
+        A grid of starts, (k1, k2, s), is drawn as regions, with the attractors of two-dimensional
+        maps. For a row of starts, (k, s), the fractions are drawn with their standard errors.
+
+        Parameters
+        ----------
+        ax : Axes, optional
+            Axes to draw into; by default those of a new figure of column width.
+        """
+        from dynkit.sweeps.basins.drawing import draw_basins
+
+        return draw_basins(self.basins, self.starts, self.numbers, self.coordinates, ax)
+
+    def _page(self, motions: int) -> Page:
+        from dynkit.sweeps.basins.viewing import page_of
+
+        return page_of(self, motions)
+
+    def dataset(self) -> Dataset:
+        """Return the numbers of the starts' attractors, and the attractors, as a dataset.
+
+        Dimensions are ``start``, or ``row`` and ``column`` for a grid of starts, ``coordinate`` of
+        the starts, and ``attractor``.
+        """
+        over = ("row", "column") if self.numbers.ndim == 2 else ("start",)
+        meanings: dict[str, Any] = {f"number_{i}": text for i, text in OTHER_ENDS.items()}
+        return Dataset(
+            {"attractor": ("attractor", np.arange(len(self)))},
+            {
+                "number": (over, self.numbers),
+                "position": ((*over, "coordinate"), self.starts),
+                "label": ("attractor", np.array([str(b.label) for b in self.basins], dtype=str)),
+                "count": ("attractor", np.array([basin.count for basin in self.basins], int)),
+                "fraction": ("attractor", np.array([basin.fraction for basin in self.basins])),
+                "error": ("attractor", self.error),
+            },
+            described(
+                "Basins of attraction",
+                cost=self.cost,
+                error="standard error of the fraction of starts that were drawn at random",
+                system=self._look and self._look.system,
+                **meanings,
+            ),
+        )
+
+    def save(self, path: str | os.PathLike[str]) -> None:
+        """Write the basins to a store (HDF5). After a failure the old file remains.
+
+        Raises
+        ------
+        ValueError
+            When the file cannot be written, or the basins were loaded without their system.
+        """
+        if self._look is None:
+            raise ValueError("system must be given to Basins.load to store them again; got None")
+        system = {"system": kind_of(self._look.system), **identity_of(self._look.system)}
+        write_result(path, self, system | self._look.entries)
+
+    @classmethod
+    def load(cls, path: str | os.PathLike[str], system: Map | None = None) -> Basins:
+        """Read basins from a store that `save` wrote: the same bits.
+
+        A store of ``basins(store=...)`` holds finished starts instead: repeat the call to use it.
+
+        Parameters
+        ----------
+        path : path
+        system : Map, optional
+            The system that was simulated; needed for `attractor`.
+
+        Raises
+        ------
+        ValueError
+            When the file is missing, damaged or not a store of basins, or was made with another
+            system.
+        """
+        if system is not None:
+            checked_map(system, Map)
+        found, file, archive = read_result(path, cls)
+        if system is None:
+            return found
+        refuse_other_system(file, archive, system)
+        with understood(file, cls.__name__):
+            counts = {name: int(archive.entries[name]) for name in ("transient", "keep")}
+        look = look_at(system, found.starts.reshape(-1, found.starts.shape[-1]), **counts)
+        return replace(found, _look=look)
+
+    def _place(self, place: tuple[int, ...]) -> tuple[int, ...]:
+        shape: tuple[int, ...] = self.numbers.shape
+        if len(place) != len(shape):
+            raise ValueError(f"place must have {len(shape)} indices; got {place}")
+        return tuple(
+            index_in(f"place[{i}]", own, 0, k - 1)
+            for i, (own, k) in enumerate(zip(place, shape, strict=True))
+        )

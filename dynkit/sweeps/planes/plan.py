@@ -1,28 +1,25 @@
-"""The plan of a map of two parameters: its pairs of values are points of the engine."""
+"""The plan of a map of two parameters, and its values."""
 
 from __future__ import annotations
 
 import json
 import time
 from collections import Counter
-from collections.abc import Callable, Mapping
-from dataclasses import dataclass, replace
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from functools import partial
 from typing import final
 
 import numpy as np
 
 from dynkit.core.cost import Cost
-from dynkit.core.kept import cached_property
 from dynkit.core.no_motion import NoMotion, Refused, replaced
 from dynkit.core.validation import Array
-from dynkit.data.store import identity_of
 from dynkit.dynamics.attractor import Attractor
 from dynkit.dynamics.map import Map
 from dynkit.engine.collecting import MOST_POINTS, Anything, Columns, Findings, Points, Rows
 from dynkit.labels.label import COLUMNS, empty_columns, put_label
-from dynkit.sweeps.plan import start_of, swept_values
-
-KIND = "map of two parameters"
+from dynkit.sweeps.plan import Plan, swept_values
 
 NO_MOTION, REFUSED = -1, -2
 
@@ -32,91 +29,42 @@ start at it."""
 
 
 @final
-@dataclass(frozen=True, eq=False)
-class Plan(Points):
-    """The arguments of a map of two parameters, checked by `parameter_map`.
-
-    The pairs of values are points of the engine; the second value changes fastest.
+@dataclass(frozen=True, eq=False, kw_only=True)
+class PlanePlan(Plan):
+    """The plan of a map of two parameters, whose pairs of values are points of the engine.
 
     Parameters
     ----------
-    system : Map or None
-        None for a map that was loaded without its system.
-    kind : str
-        Full name of the system's class.
-    names : (str, str)
-        The parameters.
-    transient, keep : int
-    observables : tuple of str
     exponents : int
         Number of states for the largest Lyapunov exponent; 0 for no exponents.
-    start : array
-        The packed start of all points; empty for the default start of the system.
-    values : (array, array)
-        Values of the parameters, (k1,) and (k2,). The start was packed at the first pair.
     """
 
-    system: Map | None
-    kind: str
-    names: tuple[str, str]
-    transient: int
-    keep: int
-    observables: tuple[str, ...]
+    KIND = "map of two parameters"
     exponents: int
-    start: Array
-    values: tuple[Array, Array]
 
-    def __len__(self) -> int:
-        return len(self.values[0]) * len(self.values[1])
+    def points(self, *values: Array) -> Points:
+        """Return all pairs of values, (k1,) and (k2,); the second value changes fastest."""
+        inputs = {f"values of {name}": axis for name, axis in zip(self.names, values, strict=True)}
+        return Points(
+            len(values[0]) * len(values[1]),
+            lambda: self,
+            partial(self.task, values),
+            self.entries(parameters=json.dumps(self.names), exponents=str(self.exponents)),
+            {**inputs, "start": self.start},
+            self.columns,
+        )
 
-    @property
-    def work(self) -> Callable[[Array], Rows]:
-        one, other = self.values  # the first pair is needed for the start
-        return replace(self, values=(one[:1], other[:1]))
-
-    def task(self, first: int, last: int, found: Findings) -> Array:  # noqa: ARG002
-        i, j = np.divmod(np.arange(first, last), len(self.values[1]))
-        return np.stack([self.values[0][i], self.values[1][j]], axis=1)
-
-    @property
-    def entries(self) -> Mapping[str, str]:
-        return {
-            "kind": KIND,
-            "system": self.kind,
-            "parameters": json.dumps(self.names),
-            "start": start_of(self.start),
-            **identity_of(self._first),
-            "transient": str(self.transient),
-            "keep": str(self.keep),
-            "observables": json.dumps(self.observables),
-            "exponents": str(self.exponents),
-        }
+    def task(self, values: Sequence[Array], first: int, last: int, found: Findings) -> Array:  # noqa: ARG002
+        """Return some pairs of values, (n, 2)."""
+        i, j = np.divmod(np.arange(first, last), len(values[1]))
+        return np.stack([values[0][i], values[1][j]], axis=1)
 
     @property
     def columns(self) -> Columns:
         found: Columns = {**COLUMNS, "largest": ("f", (len(self.observables),))}
         return {**found, "exponent": ("f", ())} if self.exponents else found
 
-    @property
-    def inputs(self) -> Mapping[str, Anything]:
-        first, second = self.values
-        one, other = self.names
-        values = {f"values of {one}": first, f"values of {other}": second}
-        return {**values, "start": self.start}
-
-    @cached_property
-    def _first(self) -> Map:
-        """The system at the first pair, of which those at other pairs may keep parts."""
-        if self.system is None:
-            raise ValueError("system must be given to load a map that is to simulate; got None")
-        first = zip(self.names, (float(axis[0]) for axis in self.values), strict=True)
-        return replaced(self.system, **dict(first))
-
-    def system_at(self, first: float, second: float) -> Map:
-        """Return the system at a pair of values."""
-        return replaced(self._first, **{self.names[0]: first, self.names[1]: second})
-
-    def motion(self, first: float, second: float) -> Attractor:
+    def motion_at(self, first: float, second: float) -> Attractor:
         """Simulate at a pair of values.
 
         Raises
@@ -124,9 +72,9 @@ class Plan(Points):
         Refused
             When the system refuses the pair, or the start at it.
         """
-        system = self.system_at(first, second)
-        start = self._first.unpack_state(self.start) if len(self.start) else None
-        return system.attractor(start=start, transient=self.transient, keep=self.keep)
+        system = replaced(self.first, **{self.names[0]: first, self.names[1]: second})
+        start = self.first.unpack_state(self.start) if len(self.start) else None
+        return self.motion(system, start)
 
     def __call__(self, pairs: Array) -> Rows:
         """Return the rows of pairs of values, (n, 2)."""
@@ -137,7 +85,7 @@ class Plan(Points):
         endings, work = [], Counter[str]()
         for row, (first, second) in enumerate(pairs.tolist()):
             try:
-                motion = self.motion(first, second)
+                motion = self.motion_at(first, second)
                 label = motion.label
                 for column, name in enumerate(self.observables):
                     seen = motion.observable(name)

@@ -32,6 +32,6 @@ def page_of(found: Any, motions: int) -> Page:
         "ending": found.endings.ravel().tolist(),
     }
     page = replace(page, facts=facts)
-    if found._points.system is None:
+    if found._plan.system is None:
         return page.noting(NO_SYSTEM)
     return page.with_series(motions, lambda at: found.attractor(*divmod(at, columns))._series())
