@@ -29,10 +29,7 @@ from dynkit.systems.impact.orbits.itineraries.itinerary import (
 )
 from dynkit.systems.impact.orbits.itineraries.motion import ItinerarySolution, Lap
 from dynkit.systems.impact.orbits.itineraries.one_mode import responses
-from dynkit.systems.impact.orbits.itineraries.one_mode.correcting import (
-    TableCorrector,
-    corrector_of,
-)
+from dynkit.systems.impact.orbits.itineraries.one_mode.correcting import Corrector, corrector_of
 from dynkit.systems.impact.orbits.itineraries.one_mode.responses import (
     ResponseSolution,
     Windows,
@@ -104,17 +101,8 @@ class ImpactProblem(PeriodicProblem, WatchedProblem):
     complete chattering, Nonlinear Dynamics 58 (2009) 85-106.
     """
 
-    _arguments: ClassVar = (
-        "oscillator",
-        "names",
-        "periods",
-        "itinerary",
-        "sizes",
-        "driven",
-        "nodes",
-    )
-
     _stored: ClassVar = ("periods", "itinerary", "sizes", "driven", "nodes")
+    _arguments: ClassVar = ("oscillator", "names", *_stored)
     _given: ClassVar = "oscillator"
     periods: int
     itinerary: Itinerary
@@ -470,7 +458,7 @@ class ImpactProblem(PeriodicProblem, WatchedProblem):
         """Estimate of the largest error of a section coordinate: see `ImpactOrbit.error`."""
 
     @cached_property
-    def _corrector(self) -> TableCorrector | None:
+    def _corrector(self) -> Corrector | None:
         return corrector_of(self)
 
     def corrected(

@@ -22,7 +22,6 @@ from dynkit.systems.impact.orbits.itineraries.happening import Happening
 from dynkit.systems.impact.orbits.itineraries.meeting import beyond
 from dynkit.systems.impact.orbits.itineraries.motion import ItinerarySolution
 from dynkit.systems.impact.orbits.itineraries.one_mode import monodromy
-from dynkit.systems.impact.orbits.itineraries.one_mode.openness import flights_are_open
 from dynkit.systems.impact.orbits.itineraries.one_mode.responses import ResponseSolution
 from dynkit.systems.impact.orbits.itineraries.parting import commute, ordered, parted
 from dynkit.systems.impact.orbits.itineraries.several_modes import crossings
@@ -475,9 +474,9 @@ class ItineraryEquations(ImpactProblem):
     def admissible(self, x: Array, p: Array) -> bool:
         """Whether all impulses are compressive, all guards positive, and no event is missed."""
         s = self.at(x, p)
-        if isinstance(s, ResponseSolution):
-            return bool((s.impulses > 0.0).all()) and flights_are_open(s)
-        return not any(event.value < 0.0 for event in self.events(x, p)) and s.admissible
+        if not self.responds and any(event.value < 0.0 for event in self.events(x, p)):
+            return False
+        return bool(s.admissible)
 
 
 def _event(border: Border, solution: ItinerarySolution) -> Event:

@@ -521,10 +521,15 @@ def number_of(guards: Sequence[Any], watch: Any) -> int:
     return next(k for k, own in enumerate(guards) if same(own, watch))
 
 
-def flights_of(oscillator: Any, machine: Machine, mode: Regimes) -> Flights:
-    """The flights of an oscillator in one mode."""
-    linear = oscillator._motion is None
-    measures = np.ones(2 * machine.size + len(machine.sliders) + 3)
-    if linear:
-        return LinearFlights(machine, mode, measures)
-    return TaylorFlights(oscillator, machine, mode)
+def flights_of(
+    oscillator: Any,
+    machine: Machine,
+    mode: Regimes,
+    measures: Array | None = None,
+    changes: Array | None = None,
+) -> Flights:
+    """The flights of an oscillator in one mode; see `LinearFlights` and `TaylorFlights`."""
+    if oscillator._motion is not None:
+        return TaylorFlights(oscillator, machine, mode, changes)
+    units = np.ones(2 * machine.size + len(machine.sliders) + 3) if measures is None else measures
+    return LinearFlights(machine, mode, units)

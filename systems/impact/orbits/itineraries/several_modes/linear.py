@@ -17,9 +17,8 @@ from dynkit.systems.impact.orbits.exponentials import (
     run_through,
 )
 from dynkit.systems.impact.orbits.flights import Curve
-from dynkit.systems.impact.orbits.itineraries.flying import LinearFlights
 from dynkit.systems.impact.orbits.itineraries.several_modes.shooting import ShootingSolution
-from dynkit.systems.impact.orbits.machine import Numbers, Regimes
+from dynkit.systems.impact.orbits.machine import Numbers
 
 _ROUNDING = 2.0**-52
 
@@ -56,10 +55,6 @@ class LinearSolution(ShootingSolution):
         lasts = self.durations.real[own] - [self._still._late(i) for i in own]
         out[own] = gained(self.flows[own], begun, lasts, self.measures)
         return out
-
-    @kept
-    def flights(self, mode: Regimes) -> LinearFlights:
-        return LinearFlights(self.machine, mode, self.measures)
 
     def acceleration(self, i: int) -> tuple[float, float]:
         k = self.hits[i]
