@@ -10,9 +10,7 @@ import numpy as np
 
 from dynkit.core.differences import STEP
 from dynkit.core.kept import cached_property
-from dynkit.core.no_motion import CannotFollow, Diverged
 from dynkit.core.validation import Array
-from dynkit.orbits.newton import NoSolution
 from dynkit.systems.impact.elements.element import Watch
 from dynkit.systems.impact.modes.constrained import pushes
 from dynkit.systems.impact.modes.taylor.mode import FREQUENCY, Path, TaylorMode
@@ -190,13 +188,9 @@ class TaylorFlights:
 
         Raises
         ------
-        NoSolution
-            When the flight diverges or cannot be followed.
+        Diverged, CannotFollow
         """
-        try:
-            end, flow = self.mode.flow(self.short(z), lasts)
-        except (Diverged, CannotFollow) as refusal:
-            raise NoSolution(str(refusal)) from refusal
+        end, flow = self.mode.flow(self.short(z), lasts)
         out = np.eye(len(z))
         out[:-3] = self.wide(flow[:-1], z)
         s, c = math.sin(self._clock * lasts), math.cos(self._clock * lasts)

@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from dynkit.core.no_motion import NoMotion
 from dynkit.core.validation import Array, within_memory
-from dynkit.orbits.newton import NoSolution
 from dynkit.systems.impact.modes.free_motion import free_motion
 from dynkit.systems.impact.orbits.itineraries.equations import APART, ItineraryEquations
 from dynkit.systems.impact.orbits.itineraries.happening import Happening
@@ -46,7 +46,7 @@ def make_problem(oscillator: ImpactMap, periods: int, sides: Any) -> ItineraryEq
     """
     try:
         drives = drives_of(oscillator)
-    except NoSolution as refusal:
+    except NoMotion as refusal:
         raise ValueError(f"system must have a steady response: {refusal}") from None
     w = oscillator.frequency
     speed = float(abs(drives[0])) * w
@@ -114,5 +114,5 @@ def random_guesses(
             problems[key] = make_problem(oscillator, periods, sides)
         try:
             yield problems[key], with_impulses(problems[key], phases)
-        except NoSolution:
+        except NoMotion:
             continue

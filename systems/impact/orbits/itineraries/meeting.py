@@ -7,8 +7,8 @@ from typing import Any
 
 import numpy as np
 
+from dynkit.core.no_motion import NoMotion
 from dynkit.core.validation import Array
-from dynkit.orbits.newton import NoSolution
 from dynkit.systems.impact.orbits.borders import Border
 from dynkit.systems.impact.orbits.itineraries.borders import TouchingGuard
 from dynkit.systems.impact.orbits.itineraries.motion import AT_ONCE
@@ -69,7 +69,7 @@ def _meeting(problem: Any, border: Border, solution: Any) -> tuple[float, int] |
     try:
         own = border.begin(solution)
         left = border.left(solution, own)
-    except NoSolution:
+    except NoMotion:
         return None
     phase, element = border.place(solution, own)
     begins = isinstance(border, TouchingGuard) and any(

@@ -77,7 +77,7 @@ def _comes_again(s: Any) -> bool:
     start, due = _amid(s, i, since), (times - since) % s.period
     order = [k % n for k in range(i + 1, i + 1 + n) if s.itinerary[k % n].element >= 0]
     most = len(order) + sum(chatter.run.impacts for chatter in s.chatters.values())
-    seen = simulated(s.oscillator, start, s.period, not sticks, most=most, machine=s.machine)
+    seen = simulated(s.oscillator, start, s.period, not sticks, 4, most, s.machine)
     found = iter(_without_order(s, seen.times, seen.events))
     for k, wanted in _without_order(s, due[order], [s.itinerary[k] for k in order]):
         j, event = next(found, (-1, wanted))
