@@ -85,7 +85,11 @@ class VanishingImpulse(OfImpact):
         return float(solution.impulses[self.number])
 
     def neighbour(self, x: Array, p: Array) -> tuple[Problem, Array] | None:
-        found: tuple[Problem, Array] | None = self.problem.without_impact(x, p, self.number)
+        s = self.problem.at(x, p)
+        k = s.hits[self.number]
+        found: tuple[Problem, Array] | None = None
+        if s.following[k].mode == s.itinerary[k].mode:
+            found = self.problem.without(x, p, [k])
         return found
 
 

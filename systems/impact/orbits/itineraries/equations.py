@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Mapping, Sequence
+from functools import reduce
 from typing import Any, NamedTuple, Self, final
 
 import numpy as np
@@ -104,8 +105,10 @@ class ItineraryEquations(ImpactProblem):
         s = self.at(x, p)
         last = (int(np.argmax(s.durations)) + 1) % s.events
         if isinstance(s, ResponseSolution):
-            return monodromy.monodromy_from(s, last)
-        return crossings.monodromy_from(s, last)
+            matrices = np.roll(monodromy.struck(s), 1, axis=0)
+        else:
+            matrices = crossings.tangents(s, s.guards)
+        return np.asarray(reduce(lambda found, own: own @ found, np.roll(matrices, -last, axis=0)))
 
     def returns(self, x: Array, p: Array) -> Any:
         if not self.driven:
@@ -450,12 +453,6 @@ class ItineraryEquations(ImpactProblem):
             mode = stations[i].event.mode
             left = [Station(Happening(mode, -1, 0), phase, None, s.flown(i, phase), True)]
         return self._of(x, left)
-
-    def without_impact(self, x: Array, p: Array, i: int) -> tuple[Self, Array] | None:
-        """Return the same motion without impact number `i`; None if the impact changes the mode."""
-        k = self.at(x, p).hits[i]
-        same = self.itinerary[(k + 1) % len(self.itinerary)].mode == self.itinerary[k].mode
-        return self.without(x, p, [k]) if same else None
 
     def neighbours(self, event: int, x: Array, p: Array) -> list[tuple[Problem, Array, Array]]:
         """Return the same motion as an orbit with more or fewer events.

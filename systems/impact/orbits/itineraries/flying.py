@@ -15,7 +15,7 @@ from dynkit.systems.impact.elements.element import Watch
 from dynkit.systems.impact.modes.constrained import pushes
 from dynkit.systems.impact.modes.taylor.mode import FREQUENCY, Path, TaylorMode
 from dynkit.systems.impact.modes.taylor.scene import Scene
-from dynkit.systems.impact.orbits.exponentials import carried, lifted, moved
+from dynkit.systems.impact.orbits.exponentials import carried, lifted, moved, run_through
 from dynkit.systems.impact.orbits.machine import Machine, Regimes, Rubs
 
 if TYPE_CHECKING:
@@ -45,6 +45,10 @@ class LinearFlights:
         """The state (D,) after a flight from state `z`, and its derivative (D, D) by `z`."""
         (flown,) = moved(self._flow[None], np.array([lasts]), self._measures)
         return flown @ z, flown
+
+    def states(self, z: Array, times: Array) -> Array:
+        """States (k, D) at times (k,) after a state `z`."""
+        return run_through(self._flow, z, times, self._measures)
 
     def rates(self, states: Array) -> Array:
         """Rates (n, D) of states (n, D)."""
@@ -179,6 +183,10 @@ class TaylorFlights:
     def path(self, z: Array, lasts: float) -> Path:
         """The flight from a state over a duration."""
         return self.mode.path(self.short(z), max(lasts, 0.0))
+
+    def states(self, z: Array, times: Array) -> Array:
+        """States (k, D) at times (k,) after a state `z`."""
+        return self.whole(self.path(z, float(times.max(initial=0.0))).states(times))
 
     def passed(self, z: Array, lasts: float) -> tuple[Array, Array]:
         """The state (D,) after a flight from state `z`, and its derivative (D, D) by `z`.

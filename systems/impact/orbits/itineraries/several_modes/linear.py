@@ -14,7 +14,6 @@ from dynkit.systems.impact.orbits.exponentials import (
     exponentials,
     gained,
     moved,
-    run_through,
 )
 from dynkit.systems.impact.orbits.flights import Curve
 from dynkit.systems.impact.orbits.itineraries.several_modes.shooting import ShootingSolution
@@ -77,7 +76,8 @@ class LinearSolution(ShootingSolution):
     @kept
     def _through(self, i: int, times: Array) -> Array:
         """States (k, D) at times (k,) after event `i`, or its chatter; all guards share them."""
-        return run_through(self.flows[i], self.begun(i), times, self.measures)
+        states: Array = self._modes[i].states(self.begun(i), times)
+        return states
 
     # --- divided differences ----------------------------------------------------------------------
 
@@ -158,8 +158,3 @@ class LinearSolution(ShootingSolution):
         there = LinearSolution(scene, *given)
         with np.errstate(all="ignore"):
             return np.asarray(there.left.imag / STEP)
-
-    def _passed(self, i: int, durations: Array) -> Array:
-        flows = np.broadcast_to(self.flows[i], (len(durations), *self.flows[i].shape))
-        z = moved(flows, np.maximum(durations - self._late(i), 0.0), self.measures)
-        return np.asarray((z @ self.begun(i))[:, : self.dimension])

@@ -375,9 +375,11 @@ class Passage(ItinerarySolution):
     def rise_change(self, j: int, i: int) -> Any:
         """Derivative (D,) of `rise` by the state at the begin."""
 
-    @abstractmethod
     def _passed(self, i: int, durations: Array) -> Array:
         """States (k, 2N + J) at times (k,) after event `i`; after a chatter those in contact."""
+        times = np.maximum(durations - self._late(i), 0.0)
+        states: Array = self._modes[i].states(self.begun(i), times)
+        return states[:, : self.dimension]
 
     def flown(self, i: int, phase: float) -> Array:
         """The state (2N + J,) at a phase after event `i`."""

@@ -203,11 +203,6 @@ class TaylorSolution(ShootingSolution):
         given = scene, self.course, self.lap, self.pairs, self.driven
         return np.asarray(TaylorSolution(*given, self, parts).left.imag / STEP)
 
-    def _passed(self, i: int, durations: Array) -> Array:
-        path, late = self._path(i)
-        states = self._modes[i].whole(path.states(np.maximum(durations - late, 0.0)))
-        return np.asarray(states[:, :-3])
-
 
 _PLACES = np.cos(np.pi * (np.arange(_POINTS) + 0.5) / _POINTS)
 _COEFFICIENTS = np.linalg.inv(chebyshev.chebvander(_PLACES, _POINTS - 1))
