@@ -429,18 +429,13 @@ class TaylorFlights:
             a, b = (self.tangent(there) for there in self.whole(self.path(z, lasts).states(places)))
             turned = math.sqrt(3.0) / 12.0 * lasts * (b @ a - a @ b)
             (out[i],) = lifted(0.5 * (a + b) + turned, np.array([lasts]))
-        return out, self._ends(states, times)
+        ends = [self.states(*pair) for pair in zip(states, times[:, None], strict=True)]
+        return out, np.concatenate(ends)
 
     def carried(self, states: Array, times: Array) -> Array:
         """Changes (n, D) of states (n, D) after short flights, due to changes of the numbers."""
         found = [self.changed(*pair) for pair in zip(states, times, strict=True)]
         return np.array(found).reshape(states.shape)
-
-    def _ends(self, states: Array, times: Array) -> Array:
-        """States (n, D) after flights of durations (n,)."""
-        pairs = zip(states, times.tolist(), strict=True)
-        found = [self.whole(self.path(z, lasts).states(np.array([lasts]))) for z, lasts in pairs]
-        return np.concatenate(found)
 
     def rolled(self, element: int, states: Array, times: Array) -> tuple[Array, Array]:
         """Changes along flights: of the gradient of a gap, (n, D), and of its change by numbers.
