@@ -9,10 +9,9 @@ import numpy as np
 
 from dynkit.continuation.method import ContinuationMethod
 from dynkit.continuation.step_control import AdaptiveSteps
-from dynkit.core.no_motion import Refused
+from dynkit.core.no_motion import NoMotion, Refused
 from dynkit.core.validation import finite_scalar, positive, positive_integer
 from dynkit.orbits.equations import Problem, ProblemSolution
-from dynkit.orbits.newton import NoSolution
 
 
 def checked_bounds(name: str, bounds: Any) -> tuple[float, float]:
@@ -65,7 +64,7 @@ def problem_of(orbit: ProblemSolution, names: tuple[str, ...]) -> Problem:
     problem = orbit.problem(*names)
     try:
         residual = float(abs(problem.residual(orbit.unknowns, problem.values)).max())
-    except NoSolution as refusal:
+    except NoMotion as refusal:
         raise Refused(f"orbit must solve its equations; got {refusal}") from refusal
     if not residual <= 1e-8:
         raise Refused(f"orbit must solve its equations; got a residual of {residual:.1e}")

@@ -30,11 +30,12 @@ from dynkit.continuation.results.branch import Branch
 from dynkit.continuation.termination import Bound, Ending, Reason
 from dynkit.continuation.test_functions import examine
 from dynkit.core.cost import Cost
+from dynkit.core.no_motion import NoMotion
 from dynkit.core.validation import Array, boolean, in_interval
 from dynkit.dynamics.equilibrium import shrinks
 from dynkit.orbits.equations import Problem
 from dynkit.orbits.events import WatchedProblem, is_admissible
-from dynkit.orbits.newton import NoSolution, correct
+from dynkit.orbits.newton import correct
 from dynkit.orbits.solving import FixedParameters
 
 if TYPE_CHECKING:
@@ -145,7 +146,7 @@ def continue_by(
     equations = OrbitEquations(problem, high - low)
     try:
         start = start_points(equations, np.append(start_x, problem.values))[0]
-    except NoSolution as end:
+    except NoMotion as end:
         here = f"{parameter} {problem.values[0]:.10g}"
         raise ValueError(f"orbit must have others beside it; got one at {here}: {end}") from end
     bound = Bound(problem.size, parameter, low, high)

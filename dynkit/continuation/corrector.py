@@ -7,13 +7,13 @@ from typing import NamedTuple, Protocol, final
 
 from dynkit.continuation.points import LEAST_LEVEL, Point, rescaled
 from dynkit.continuation.termination import Reason
+from dynkit.core.no_motion import NoMotion
 from dynkit.core.validation import Array
 from dynkit.orbits.newton import (
     SHORT,
     Correction,
     Direction,
     Equations,
-    NoSolution,
     Outcome,
     bordered_direction,
     correct,
@@ -102,7 +102,7 @@ def _direction(
         return Failure(Reason.NO_CONVERGENCE, "the curve has no direction there")
     try:
         jacobian = equations.jacobian(solution.y)
-    except NoSolution as refusal:
+    except NoMotion as refusal:
         return Failure(Reason.NO_SOLUTION, str(refusal))
     direction = bordered_direction(jacobian, scale, rescaled(near, scale))
     return direction or Failure(Reason.NO_CONVERGENCE, "the curve has no direction there")

@@ -23,13 +23,14 @@ from dynkit.continuation.results.solution_curve import SolutionCurve
 from dynkit.continuation.termination import Bound, Ending, Reason
 from dynkit.core.cost import Cost
 from dynkit.core.kept import cached_property
+from dynkit.core.no_motion import NoMotion
 from dynkit.core.reprs import Facts
 from dynkit.core.validation import Array, in_interval, of_type, regular_array
 from dynkit.data.dataset import Dataset
 from dynkit.orbits.equations import Problem
 from dynkit.orbits.events import is_admissible
 from dynkit.orbits.kinds import BifurcationKind
-from dynkit.orbits.newton import NoSolution, correct
+from dynkit.orbits.newton import correct
 from dynkit.viewer.viewing import Viewed
 
 if TYPE_CHECKING:
@@ -315,7 +316,7 @@ def _start(
         condition, own = condition_of(kind, bifurcation.event, problem, x, own, p, widths)
         equations = BifurcationEquations(problem, condition, widths)
         (start, *_) = start_points(equations, np.concatenate([x, own, p]))
-    except NoSolution as refusal:
+    except NoMotion as refusal:
         raise ValueError(f"bifurcation must be solved for; got {refusal}") from refusal
     found = correct(equations, start.y, start.scale, start.tangent)
     if not found.converged:

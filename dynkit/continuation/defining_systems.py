@@ -12,6 +12,7 @@ import numpy as np
 
 from dynkit.continuation.orbit_equations import CurveEquations
 from dynkit.core.kept import cached_property
+from dynkit.core.no_motion import NoMotion
 from dynkit.core.validation import Array
 from dynkit.orbits.equations import NOISE, Problem
 from dynkit.orbits.events import Condition
@@ -289,12 +290,12 @@ class BifurcationEquations(CurveEquations):
         """Return the change of the condition over a step, to second order."""
         try:
             ahead = self._condition(y + step)
-        except NoSolution:
+        except NoMotion:
             # at the edge of the domain
             return -self._change_ahead(y, -step)
         try:
             return 0.5 * (ahead - self._condition(y - step))
-        except NoSolution:
+        except NoMotion:
             return self._change_ahead(y, step)
 
     def _change_ahead(self, y: Array, step: Array) -> Array:

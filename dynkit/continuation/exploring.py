@@ -26,14 +26,14 @@ from dynkit.dynamics.flow import Flow
 from dynkit.dynamics.map import Map
 from dynkit.engine.executors import WorkerLost, all_finished, finished
 from dynkit.orbits.equations import ProblemSolution
-from dynkit.orbits.newton import NoConvergence, NoSolution
+from dynkit.orbits.newton import NoConvergence
 from dynkit.orbits.problem import PeriodicOrbit
 from dynkit.orbits.search import OrbitSearch
 
 # Largest number of points of a branch in each direction.
 _POINTS = 4000
 # Exceptions that leave an orbit or a bifurcation unexplored; the network reports them.
-_REFUSALS = (NoSolution, NoConvergence, NoMotion)
+_REFUSALS = (NoConvergence, NoMotion)
 # Failures of the computer or of a worker: the branches found so far are returned. Errors of
 # programs are raised.
 _FAILURES = (MemoryError, OSError, WorkerLost)

@@ -8,8 +8,9 @@ import numpy as np
 
 from dynkit.continuation.defining_systems import DIFFERENCE
 from dynkit.continuation.points import Point
+from dynkit.core.no_motion import NoMotion
 from dynkit.core.validation import Array
-from dynkit.orbits.newton import Equations, NoSolution
+from dynkit.orbits.newton import Equations
 
 
 def start_points(equations: Equations, y: Array) -> list[Point]:
@@ -30,7 +31,7 @@ def start_points(equations: Equations, y: Array) -> list[Point]:
     _, sizes, rows = np.linalg.svd(jacobian)
     directions = [rows[n]]
     if sizes[-1] <= 1e-7 * sizes[0]:
-        with suppress(NoSolution):  # raised at the end of a parameter's range: no crossing there
+        with suppress(NoMotion):  # raised at the end of a parameter's range: no crossing there
             directions = crossing_directions(equations, y, scale) or directions
     points = []
     for direction in directions:

@@ -168,11 +168,8 @@ class EquilibriumProblem(FamilyProblem):
 
 def _defined(function: Callable[[Any], Any], argument: Any) -> Any:
     """Return the value of a function, if it is finite; otherwise raise `NoSolution`."""
-    try:
-        with np.errstate(over="ignore", invalid="ignore", divide="ignore"):
-            found = function(argument)
-    except NoMotion as end:
-        raise NoSolution(str(end)) from end
+    with np.errstate(over="ignore", invalid="ignore", divide="ignore"):
+        found = function(argument)
     if not np.isfinite(found).all():
         raise NoSolution(f"the flow is not finite at {argument}")
     return found
@@ -307,5 +304,5 @@ def shrinks(orbit: ProblemSolution) -> bool:
 def _near(flow: Flow, state: Array) -> EquilibriumProblem:
     try:
         return EquilibriumProblem(flow, state)
-    except NoSolution as refusal:
+    except NoMotion as refusal:
         raise NoConvergence(f"no equilibrium found from the guess: {refusal}") from refusal

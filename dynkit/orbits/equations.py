@@ -11,11 +11,11 @@ from typing import Any, ClassVar, Self, final
 import numpy as np
 
 from dynkit.core.cost import Cost
+from dynkit.core.no_motion import NoMotion
 from dynkit.core.overriding import Extensible
 from dynkit.core.validation import Array, read_only
 from dynkit.data.dataset import Dataset, described
 from dynkit.data.result import Result, SavedWithSystem
-from dynkit.orbits.newton import NoSolution
 from dynkit.orbits.spectrum import Spectrum
 from dynkit.viewer.series import Series
 
@@ -30,7 +30,7 @@ class Problem(Extensible, ABC):
 
     There are m equations and m unknowns x. The k free parameters are p: one changes along a branch,
     two along a curve. The equations are smooth. Where they are not defined, every method may raise
-    `NoSolution`.
+    `NoMotion`.
 
     A subclass must implement the abstract methods; `FamilyProblem` implements most of them. Methods
     with a default may be overridden. `PeriodicProblem` adds properties of periodic orbits, and
@@ -269,7 +269,7 @@ class ProblemSolution(Extensible, Result, ABC):
         problem = self.problem()
         try:
             return problem.spectrum(self.unknowns, np.empty(0))
-        except NoSolution:
+        except NoMotion:
             return np.empty(0, dtype=np.complex128)
 
     def dataset(self) -> Dataset:

@@ -13,7 +13,7 @@ import numpy as np
 
 from dynkit.core.cost import Cost
 from dynkit.core.kept import cached_property
-from dynkit.core.no_motion import Refused, replaced
+from dynkit.core.no_motion import NoMotion, replaced
 from dynkit.core.parameters import Family
 from dynkit.core.reprs import Facts, largest, system_repr, written
 from dynkit.core.validation import Array, finite_array, of_type, one_of, read_only
@@ -21,7 +21,6 @@ from dynkit.data.result import read_result
 from dynkit.data.store import Archive, at_parameters
 from dynkit.orbits.equations import KeptSolution, Problem
 from dynkit.orbits.multiplier_errors import multiplier_errors
-from dynkit.orbits.newton import NoSolution
 from dynkit.orbits.solving import orbit_bound, solve
 
 _NONE = np.empty(0)
@@ -83,16 +82,13 @@ class FamilyProblem(Problem):
 
         Raises
         ------
-        NoSolution
+        Refused
             When the system refuses them.
         """
         key = np.asarray(p, dtype=np.float64).tobytes()
         if key != self._at[0]:
             values = dict(zip(self._names, np.asarray(p).tolist(), strict=True))
-            try:
-                self._at = (key, replaced(self._system, **values))
-            except Refused as refusal:
-                raise NoSolution(str(refusal)) from refusal
+            self._at = (key, replaced(self._system, **values))
         return self._at[1]
 
     def observables(self, x: Array) -> Mapping[str, Array]:
@@ -303,5 +299,5 @@ def _require_equations(problem: FamilyProblem, x: Array) -> None:
             if not real or found.shape != shape:
                 got = f"{found.dtype} {found.shape}" if hasattr(found, "dtype") else repr(found)
                 raise ValueError(f"{name} must return an array {shape} of floats; got {got}")
-    except NoSolution:  # the solution says why
+    except NoMotion:  # the solution says why
         pass

@@ -8,11 +8,11 @@ from typing import Any, Protocol, final
 import numpy as np
 
 from dynkit.core.kept import cached_property
+from dynkit.core.no_motion import NoMotion
 from dynkit.core.reprs import system_repr
 from dynkit.core.smooth_map import SmoothMap
 from dynkit.core.validation import Array, finite_array, one_of, read_only
 from dynkit.orbits.equations import KeptSolution
-from dynkit.orbits.newton import NoSolution
 from dynkit.orbits.problem import PeriodicOrbit
 from dynkit.orbits.solving import orbit_bound
 
@@ -39,7 +39,7 @@ class MapOrbit(KeptSolution, PeriodicOrbit):
         what = f"{self.label} of {system_repr(self.system, 6)}"
         try:
             return f"<{what}: {self._stability()}>"
-        except NoSolution as failure:
+        except NoMotion as failure:
             return f"<{what}: no multipliers, as {failure}>"
 
     def _stability(self) -> str:

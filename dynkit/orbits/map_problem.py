@@ -191,13 +191,8 @@ class MapProblem(PeriodicProblem, FamilyProblem):
         if not system._framed:
             self.jacobians(x, p)
             return self._derivatives[3]
-        try:
-            rows = self._rows(x)
-            known = [
-                system.orbit_factors(*pair) for pair in zip(rows, following(rows), strict=True)
-            ]
-        except NoMotion as end:
-            raise NoSolution(str(end)) from end
+        rows = self._rows(x)
+        known = [system.orbit_factors(*pair) for pair in zip(rows, following(rows), strict=True)]
         matrices, off = (np.concatenate(each) for each in zip(*known, strict=True))
         return matrices, ROUNDINGS * off
 
@@ -221,7 +216,7 @@ class MapProblem(PeriodicProblem, FamilyProblem):
                     return True
                 matrix = np.vstack([self.linearization(y, none) * scale, row])
                 y = y - scale * np.linalg.lstsq(matrix, np.append(gap, 0.0), rcond=None)[0]
-        except (NoSolution, np.linalg.LinAlgError):
+        except (NoMotion, np.linalg.LinAlgError):
             pass
         return False
 
@@ -240,7 +235,7 @@ class MapProblem(PeriodicProblem, FamilyProblem):
 
         Raises
         ------
-        NoSolution
+        NoMotion
             Where a derivative does not exist.
         """
         key = np.asarray(x).tobytes() + np.asarray(p, dtype=np.float64).tobytes()
@@ -268,14 +263,11 @@ def _defined(function: Callable[[Array], Array], states: Array) -> Array:
 
     Raises
     ------
-    NoSolution
+    NoMotion
         When the motion ends, or a value is not finite.
     """
-    try:
-        with np.errstate(over="ignore", invalid="ignore", divide="ignore"):
-            found = np.array([function(state) for state in states])
-    except NoMotion as end:
-        raise NoSolution(str(end)) from end
+    with np.errstate(over="ignore", invalid="ignore", divide="ignore"):
+        found = np.array([function(state) for state in states])
     finite = np.isfinite(found)
     if not finite.all():
         where = int(np.argmin(finite.reshape(len(states), -1).all(axis=1)))

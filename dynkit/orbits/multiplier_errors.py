@@ -6,10 +6,10 @@ from typing import Any
 
 import numpy as np
 
+from dynkit.core.no_motion import NoMotion
 from dynkit.core.validation import Array
 from dynkit.orbits.equations import Problem
 from dynkit.orbits.multipliers import MARGIN, PROBES, disturbed_eigenvalues
-from dynkit.orbits.newton import NoSolution
 
 _ROUNDING = 2.0**-52
 # The smallest positive number: a smaller multiplier or change underflows to zero.
@@ -30,7 +30,7 @@ def multiplier_errors(problem: Problem, x: Array, p: Array, found: Any, moved: A
         step = moved * random.choice([-1.0, 1.0], len(moved))
         try:
             there = _disturbed(problem, x + step[:m], p + step[m:], random)
-        except (NoSolution, np.linalg.LinAlgError):
+        except (NoMotion, np.linalg.LinAlgError):
             return np.full(len(found), np.inf)
         if not np.isfinite(there).all():
             return np.full(len(found), np.inf)

@@ -9,6 +9,7 @@ from typing import Any, NamedTuple, final
 import numpy as np
 from scipy.linalg.lapack import dgesv
 
+from dynkit.core.no_motion import NoMotion
 from dynkit.core.validation import Array, all_finite
 
 ROUNDING = 2.0**-52
@@ -21,8 +22,8 @@ SHORT = 1e-8
 """After a last step below this, in scaled unknowns, the direction need not be computed again."""
 
 
-class NoSolution(RuntimeError):
-    """The equations are not defined: the system refuses a value, or there is no next state."""
+class NoSolution(NoMotion):
+    """The equations are not defined there."""
 
 
 class NoConvergence(RuntimeError):
@@ -55,11 +56,11 @@ class Equations(ABC):
 
     @abstractmethod
     def residual(self, y: Array) -> Array:
-        """Return the equations, (n,); may raise `NoSolution`."""
+        """Return the equations, (n,); may raise `NoMotion`."""
 
     @abstractmethod
     def jacobian(self, y: Array) -> Array:
-        """Return their derivative, (n, number of unknowns); may raise `NoSolution`."""
+        """Return their derivative, (n, number of unknowns); may raise `NoMotion`."""
 
     @abstractmethod
     def scale(self, y: Array) -> Array:
@@ -174,7 +175,7 @@ def correct(
             history.append(size)
             if slow and size <= ACCEPTABLE:
                 return ended(Outcome.CONVERGED)
-    except NoSolution as refusal:
+    except NoMotion as refusal:
         return ended(Outcome.UNDEFINED, str(refusal))
     return ended(Outcome.CONVERGED if size <= ACCEPTABLE else Outcome.LIMIT)
 
@@ -222,7 +223,7 @@ def _damped(
         trial = y + step * 0.5**halving
         try:
             f = equations.residual(trial)
-        except NoSolution as failure:
+        except NoMotion as failure:
             refusal = failure
             continue
         size_trial = float(abs(f).max())

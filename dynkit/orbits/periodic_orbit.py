@@ -13,7 +13,7 @@ from dynkit.core.smooth_map import SmoothMap, checked_map, proper_divisors
 from dynkit.core.validation import Array, finite_array, positive_integer, within_memory
 from dynkit.orbits.map_orbit import MapOrbit
 from dynkit.orbits.map_problem import MapProblem, sizes
-from dynkit.orbits.newton import NoConvergence, NoSolution
+from dynkit.orbits.newton import NoConvergence
 from dynkit.orbits.solving import solve
 
 # States of an orbit that differ by less than this, relative to their size, are tried as one state.
@@ -138,7 +138,7 @@ def _is_solution(problem: MapProblem, x: Array) -> bool:
     """Whether the residual is exactly zero."""
     try:
         return not problem.residual(x, _NONE).any()
-    except NoSolution:
+    except NoMotion:
         return False
 
 

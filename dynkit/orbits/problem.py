@@ -11,12 +11,12 @@ from typing import Any, Self, final
 import numpy as np
 
 from dynkit.core.kept import cached_property
+from dynkit.core.no_motion import NoMotion
 from dynkit.core.reprs import Facts, largest, system_repr, written
 from dynkit.core.smooth_map import SmoothMap
 from dynkit.core.validation import Array, read_only
 from dynkit.orbits.equations import Problem, ProblemSolution
 from dynkit.orbits.multiplier_errors import multiplier_errors
-from dynkit.orbits.newton import NoSolution
 from dynkit.orbits.solving import orbit_bound
 from dynkit.orbits.spectrum import Spectrum
 from dynkit.viewer.page import Page
@@ -162,7 +162,7 @@ class PeriodicOrbit(Viewed, ProblemSolution):
         problem, x, none = self.problem(), self.unknowns, np.empty(0)
         try:
             moved = orbit_bound(problem, x, none)
-        except NoSolution:
+        except NoMotion:
             moved = np.full(len(x), np.inf)
         return read_only(multiplier_errors(problem, x, none, self.multipliers, moved))
 

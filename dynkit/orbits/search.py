@@ -19,7 +19,7 @@ from dynkit.orbits.covering import Covering
 from dynkit.orbits.laps import CELLS, periodic_points, reached
 from dynkit.orbits.map_calls import MapCalls, Spent
 from dynkit.orbits.map_problem import angles, sizes
-from dynkit.orbits.newton import NoConvergence, NoSolution
+from dynkit.orbits.newton import NoConvergence
 from dynkit.orbits.problem import PeriodicOrbit
 
 if TYPE_CHECKING:
@@ -307,7 +307,7 @@ class _Found:
             if small.any():
                 # try zero for coordinates that are below rounding
                 orbit = periodic_orbit(self._system, np.where(small, 0.0, orbit.states))
-        except (NoConvergence, NoSolution):
+        except (NoConvergence, NoMotion):
             return
         if not any(self._same(other, orbit.states) for other in self._orbits[orbit.period]):
             self._orbits[orbit.period].append(orbit)

@@ -9,6 +9,7 @@ import pytest
 
 from dynkit import Hyperplane, Map, PoincareMap, Stroboscope, periodic_orbit
 from dynkit.continuation.bifurcations.kinds import condition_of
+from dynkit.core.no_motion import NoCrossing, Refused
 from dynkit.core.validation import Array
 from dynkit.orbits.events import events_of, is_admissible
 from dynkit.orbits.kinds import BifurcationKind
@@ -188,7 +189,7 @@ METHODS = ("residual", "linearization", "parameter_derivative", "multipliers")
 @pytest.mark.parametrize("method", METHODS)
 def test_parameters_that_the_system_refuses_have_no_solution(method: str) -> None:
     problem = MapProblem(HighBounce(restitution=0.8, gamma=2.0), np.ones((1, 2)), ("restitution",))
-    with pytest.raises(NoSolution, match=r"restitution must lie in \[0, 1\]; got 1\.1"):
+    with pytest.raises(Refused, match=r"restitution must lie in \[0, 1\]; got 1\.1"):
         getattr(problem, method)(np.ones(2), np.array([1.1]))
 
 
@@ -196,7 +197,7 @@ def test_parameters_that_the_system_refuses_have_no_solution(method: str) -> Non
 def test_states_that_the_system_refuses_have_no_solution(method: str) -> None:
     # relative velocities after an impact are not negative
     problem = MapProblem(CASES["ball"][0], np.ones((1, 2)), ("frequency",))
-    with pytest.raises(NoSolution, match=r"state\[0\] must not be negative; got -0\.1"):
+    with pytest.raises(Refused, match=r"state\[0\] must not be negative; got -0\.1"):
         getattr(problem, method)(np.array([-0.1, 1.0]), problem.values)
 
 
@@ -206,7 +207,7 @@ def test_without_a_next_state_there_is_no_solution(method: str) -> None:
     assert isinstance(system, PoincareMap)
     short = PoincareMap(system.flow, system.section, time_limit=1.0)
     problem = MapProblem(short, np.ones((1, 2)), ("force",))
-    with pytest.raises(NoSolution, match=r"no crossing within 1\.0"):
+    with pytest.raises(NoCrossing, match=r"no crossing within 1\.0"):
         getattr(problem, method)(np.ones(2), problem.values)
 
 

@@ -19,7 +19,7 @@ from dynkit.core.validation import Array
 from dynkit.data.dataset import Dataset, described
 from dynkit.data.result import Saved
 from dynkit.orbits.equations import Problem
-from dynkit.orbits.newton import ROUNDING, NoSolution
+from dynkit.orbits.newton import ROUNDING
 from dynkit.orbits.problem import PeriodicProblem
 from dynkit.orbits.spectrum import Spectrum
 
@@ -150,7 +150,7 @@ def criticality(place: Place, value: complex, form: NormalForm, sign: int) -> Cr
     moved = place.y + place.error * random.choice([-1.0, 1.0], len(place.y))
     try:
         found, probe = form(place, place.y, accuracy), form(place, moved, accuracy)
-    except (NoSolution, NoMotion, np.linalg.LinAlgError):
+    except (NoMotion, np.linalg.LinAlgError):
         return None
     if found is None or probe is None:
         return None
@@ -337,7 +337,7 @@ def _limit(estimate: Callable[[float], float], accuracy: float, unit: float) -> 
 
     def row(h: float) -> tuple[Array, Array, float]:
         number = np.nan
-        with suppress(NoSolution, NoMotion), np.errstate(all="ignore"):
+        with suppress(NoMotion), np.errstate(all="ignore"):
             number = estimate(h)
         return np.array([number]), np.zeros(1), h**2
 

@@ -19,11 +19,12 @@ from dynkit.continuation.defining_systems import (
 )
 from dynkit.continuation.points import Point, beside, interpolated
 from dynkit.continuation.test_functions import are_real, crossings, examine, resonances, turns
+from dynkit.core.no_motion import NoMotion
 from dynkit.core.validation import Array
 from dynkit.orbits.equations import Problem
 from dynkit.orbits.events import WatchedProblem
 from dynkit.orbits.kinds import BifurcationKind
-from dynkit.orbits.newton import NoSolution, correct, error_bound
+from dynkit.orbits.newton import correct, error_bound
 
 # Largest number of divisions of a step.
 _HALVINGS = 45
@@ -164,7 +165,7 @@ def _examined_middle(
         else:
             middle = curve.between(before, after, part)
         if not isinstance(middle, Failure):
-            with suppress(NoSolution):
+            with suppress(NoMotion):
                 if crossing.event < 0:
                     return replace(middle, seen=examine(problem, middle))
                 assert isinstance(problem, WatchedProblem)
@@ -218,7 +219,7 @@ def solved(
         equations.condition = condition
         scale, jacobian = equations.scale(found.y), equations.full_jacobian(found.y)
         bound = error_bound(equations, jacobian, found.y, scale, None)
-    except (NoSolution, np.linalg.LinAlgError):
+    except (NoMotion, np.linalg.LinAlgError):
         return None
     if kind is BifurcationKind.NS and abs(np.sin(own[0])) < _FLAT:
         return None

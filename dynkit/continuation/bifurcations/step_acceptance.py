@@ -13,10 +13,10 @@ from dynkit.continuation.initial_tangents import crossing_directions
 from dynkit.continuation.orbit_equations import OrbitEquations
 from dynkit.continuation.points import Point
 from dynkit.continuation.test_functions import TestFunction, crossings, examine
+from dynkit.core.no_motion import NoMotion
 from dynkit.core.validation import Array
 from dynkit.orbits.equations import Problem
 from dynkit.orbits.kinds import BifurcationKind
-from dynkit.orbits.newton import NoSolution
 
 # Shortest step, in scaled unknowns, that is halved to separate bifurcations. This and the next two
 # lengths are relative to the `repetition` if the repetition is below one.
@@ -42,7 +42,7 @@ class Acceptance:
         """Return the examined point, and whether the step to it is short enough."""
         try:
             seen = examine(self.problem, after)
-        except NoSolution:
+        except NoMotion:
             return after, False
         after = replace(after, seen=seen)
         found, (appears, clears) = crossings(before, after, self.tests), _unclear(before.seen, seen)

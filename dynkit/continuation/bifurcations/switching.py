@@ -10,10 +10,11 @@ import numpy as np
 
 from dynkit.continuation.initial_tangents import crossing_directions
 from dynkit.continuation.orbit_equations import OrbitEquations
+from dynkit.core.no_motion import NoMotion
 from dynkit.core.validation import Array
 from dynkit.orbits.equations import Problem
 from dynkit.orbits.events import WatchedProblem
-from dynkit.orbits.newton import NoConvergence, NoSolution, correct
+from dynkit.orbits.newton import NoConvergence, correct
 from dynkit.orbits.problem import PeriodicProblem
 from dynkit.orbits.solving import solve
 
@@ -172,12 +173,12 @@ def neighbours(place: Place) -> list[Any]:
         return []
     try:
         guesses = problem.neighbours(place.event, y[:-1], y[-1:])
-    except NoSolution:
+    except NoMotion:
         return []
     for other, guess, values in guesses:
         if id(other) in found:  # an orbit of this branch is known
             continue
-        with suppress(NoConvergence, NoSolution):
+        with suppress(NoConvergence, NoMotion):
             solution, history = solve(other, guess, values)
             once, x = other.shortest(solution)
             found[id(other)] = once.solution(x, values, history)

@@ -37,16 +37,10 @@ def page_of(title: str, branches: Sequence[Any], y: str | None, motions: int) ->
     look = [_looks(branch, line) for branch, line in zip(branches, lines, strict=True)]
     rows = np.concatenate([np.arange(len(line.nodes)) for line in lines])
     track = np.repeat(np.arange(len(lines)), [len(line.nodes) for line in lines])
-    wide = max(line.y.shape[1] for line in lines)
-    heights = np.concatenate(
-        [
-            np.pad(
-                line.y.astype(float), ((0, 0), (0, wide - line.y.shape[1])), constant_values=np.nan
-            )
-            for line in lines
-        ]
-    )
-    point, column = np.nonzero(~np.isnan(heights))
+    columns = [line.y.shape[1] for line in lines for _ in line.nodes]
+    heights = np.concatenate([line.y.astype(float).ravel() for line in lines])
+    drawn = ~np.isnan(heights)
+    point = np.repeat(np.arange(len(columns)), columns)[drawn]
     values = np.concatenate([line.x for line in lines])
     said = [
         _facts(branch, place, b)
@@ -65,7 +59,7 @@ def page_of(title: str, branches: Sequence[Any], y: str | None, motions: int) ->
         facts={lines[0].names[0]: values, **facts},
         point=point,
         x=values[point],
-        y=heights[point, column],
+        y=heights[drawn],
         lines=curves_of(lines),
     )
     if not known:

@@ -12,7 +12,6 @@ from dynkit.core.validation import Array
 from dynkit.orbits.equations import Problem
 from dynkit.orbits.events import Condition
 from dynkit.orbits.kinds import BifurcationKind
-from dynkit.systems.impact.orbits.flights import Curve
 
 
 class Border(Condition):
@@ -86,7 +85,11 @@ class VanishingImpulse(OfImpact):
         return float(solution.impulses[self.number])
 
     def neighbour(self, x: Array, p: Array) -> tuple[Problem, Array] | None:
-        found: tuple[Problem, Array] | None = self.problem.without_impact(x, p, self.number)
+        s = self.problem.at(x, p)
+        k = s.hits[self.number]
+        found: tuple[Problem, Array] | None = None
+        if s.following[k].mode == s.itinerary[k].mode:
+            found = self.problem.without(x, p, [k])
         return found
 
 
@@ -114,28 +117,3 @@ class VanishingAcceleration(Border):
 def acceleration(solution: Any, i: int) -> float:
     """Acceleration of the gap just after impact `i` without rebound; infinite with rebound."""
     return solution.acceleration(i)[0] if solution.restitutions[i] == 0.0 else math.inf
-
-
-class Touching(Border):
-    """A curve is zero at its minimum, whose phase is an additional unknown.
-
-    A subclass defines the curve, the phase at which it begins, and the units of it and its rate.
-    """
-
-    ends, unknowns = False, 1
-
-    @abstractmethod
-    def curve(self, solution: Any) -> tuple[Curve, float]:
-        """The curve, and the phase at which it begins."""
-
-    @abstractmethod
-    def measures(self, solution: Any) -> Array:
-        """Units (2,) of the curve and of its rate."""
-
-    def begin(self, solution: Any) -> Array:
-        curve, begins = self.curve(solution)
-        return np.array([begins + solution.frequency * curve.smallest[1]])
-
-    def left(self, solution: Any, own: Array) -> Any:
-        curve, begins = self.curve(solution)
-        return curve.values((own - begins) / solution.frequency, 2)[:, 0] / self.measures(solution)

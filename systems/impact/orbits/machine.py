@@ -23,7 +23,7 @@ import numpy as np
 
 from dynkit.core.differences import STEP, parameter_difference
 from dynkit.core.kept import kept
-from dynkit.core.no_motion import Refused
+from dynkit.core.no_motion import NoMotion, Refused
 from dynkit.core.validation import Array
 from dynkit.orbits.newton import NoSolution
 from dynkit.systems.impact.elements.friction import FORWARD
@@ -95,7 +95,7 @@ def change_of(numbers: Callable[[float], Array], value: float) -> tuple[Array, b
     for way in (step, -step):
         try:
             near, far = numbers(value + way), numbers(value + 2.0 * way)
-        except NoSolution:
+        except NoMotion:
             continue
         if not len(here) == len(near) == len(far):
             raise NoSolution("what an element does changes there")
@@ -110,19 +110,8 @@ def change_of(numbers: Callable[[float], Array], value: float) -> tuple[Array, b
 
 def derivative(function: Callable[[float], Array], value: float) -> Array:
     """Derivative of a function of order one, which varies on the scale of `value` or of one."""
-
-    def allowed(there: float) -> Array:
-        try:
-            return function(there)
-        except NoSolution as refusal:
-            raise Refused(str(refusal)) from refusal
-
-    try:
-        # the scale of the value first: each evaluation builds an oscillator
-        scales = (abs(value), 1.0) if value else (1.0,)
-        return parameter_difference(allowed, value, scales=scales)
-    except Refused as refusal:
-        raise NoSolution(str(refusal)) from refusal
+    # the scale of the value first: each evaluation builds an oscillator
+    return parameter_difference(function, value, scales=(abs(value), 1.0) if value else (1.0,))
 
 
 @final
@@ -214,7 +203,7 @@ class Changes:
 
         try:
             whole, linear = change_of(numbers, float(p[k]))
-        except NoSolution:
+        except NoMotion:
             if changed:
                 return None
             raise
@@ -290,11 +279,6 @@ class Machine:
         }
         return out
 
-    def closed(self, element: int) -> Regimes:
-        """The mode of contact with one stop, with all other elements in their first regime."""
-        numbers = tuple(int(k == element) for k in range(len(self.elements)))
-        return Regimes(numbers, (element,))
-
     def restitution(self, element: int) -> Any:
         """Coefficient of restitution of a hard stop."""
         return self._own[element][4]
@@ -350,7 +334,7 @@ class Machine:
                     try:
                         there = replace(law, **{name: value})
                     except ValueError as refusal:  # beyond the range of the number
-                        raise NoSolution(str(refusal)) from refusal
+                        raise Refused(str(refusal)) from refusal
                     return np.asarray(there.continued(piece, velocities)[0])
 
                 out += derivative(moved, names[name]) * (own.imag / STEP)

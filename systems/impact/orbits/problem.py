@@ -10,10 +10,10 @@ from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple, Self, final
 import numpy as np
 
 from dynkit.core.kept import cached_property
-from dynkit.core.no_motion import Refused, replaced
+from dynkit.core.no_motion import replaced
 from dynkit.core.validation import Array
 from dynkit.orbits.events import Event, WatchedProblem
-from dynkit.orbits.newton import Correction, NoSolution
+from dynkit.orbits.newton import Correction
 from dynkit.orbits.problem import PeriodicProblem
 from dynkit.systems.impact.elements.stops import HardStop
 from dynkit.systems.impact.modes.free_motion import free_motion
@@ -29,10 +29,7 @@ from dynkit.systems.impact.orbits.itineraries.itinerary import (
 )
 from dynkit.systems.impact.orbits.itineraries.motion import ItinerarySolution, Lap
 from dynkit.systems.impact.orbits.itineraries.one_mode import responses
-from dynkit.systems.impact.orbits.itineraries.one_mode.correcting import (
-    TableCorrector,
-    corrector_of,
-)
+from dynkit.systems.impact.orbits.itineraries.one_mode.correcting import Corrector, corrector_of
 from dynkit.systems.impact.orbits.itineraries.one_mode.responses import (
     ResponseSolution,
     Windows,
@@ -104,17 +101,8 @@ class ImpactProblem(PeriodicProblem, WatchedProblem):
     complete chattering, Nonlinear Dynamics 58 (2009) 85-106.
     """
 
-    _arguments: ClassVar = (
-        "oscillator",
-        "names",
-        "periods",
-        "itinerary",
-        "sizes",
-        "driven",
-        "nodes",
-    )
-
     _stored: ClassVar = ("periods", "itinerary", "sizes", "driven", "nodes")
+    _arguments: ClassVar = ("oscillator", "names", *_stored)
     _given: ClassVar = "oscillator"
     periods: int
     itinerary: Itinerary
@@ -173,11 +161,8 @@ class ImpactProblem(PeriodicProblem, WatchedProblem):
 
     def system(self, p: Array) -> ImpactMap:
         """The oscillator with these values (k,) of the free parameters."""
-        try:
-            changes: Any = dict(zip(self._names, p.tolist(), strict=True))
-            return replaced(self.oscillator, **changes)
-        except Refused as refusal:
-            raise NoSolution(str(refusal)) from refusal
+        changes: Any = dict(zip(self._names, p.tolist(), strict=True))
+        return replaced(self.oscillator, **changes)
 
     def _restored(self) -> Self:
         """Return the same equations after a check of arguments read from a store.
@@ -293,10 +278,7 @@ class ImpactProblem(PeriodicProblem, WatchedProblem):
         for known, scene in self._known:
             if known == key:
                 return scene
-        try:
-            scene = self._scene(p)
-        except Refused as refusal:  # a friction slope that no dashpot compensates
-            raise NoSolution(str(refusal)) from refusal
+        scene = self._scene(p)
         self._known = [(key, scene), *self._known[:7]]
         return scene
 
@@ -470,7 +452,7 @@ class ImpactProblem(PeriodicProblem, WatchedProblem):
         """Estimate of the largest error of a section coordinate: see `ImpactOrbit.error`."""
 
     @cached_property
-    def _corrector(self) -> TableCorrector | None:
+    def _corrector(self) -> Corrector | None:
         return corrector_of(self)
 
     def corrected(

@@ -16,7 +16,7 @@ from dynkit.core.cost import Cost
 from dynkit.core.no_motion import NoMotion
 from dynkit.core.validation import Array
 from dynkit.labels.recurrence import Recurrences
-from dynkit.orbits.newton import NoConvergence, NoSolution
+from dynkit.orbits.newton import NoConvergence
 from dynkit.orbits.search import OrbitSearch
 from dynkit.systems.impact.orbits.finding import Found
 from dynkit.systems.impact.orbits.itineraries.equations import APART, ItineraryEquations
@@ -124,7 +124,7 @@ def _add_beside_others(
         alone = oscillator.replace(elements=[stop])
         try:
             driven = not has_law(alone) and bool(drives_of(alone)[0])
-        except NoSolution:
+        except NoMotion:
             continue
         for m in range(1, periods + 1) if driven else ():
             for problem, x in one_impact(alone, m):
@@ -138,7 +138,7 @@ def _add_motion(
     half = 0.5 * near.period
     (x,), (v,) = near.sample([half])
     phase = float(near.phases[0]) + oscillator.frequency * half
-    with suppress(NoMotion, NoConvergence, NoSolution, NotImplementedError):
+    with suppress(NoMotion, NoConvergence, NotImplementedError):
         start = oscillator.state(x, v, phase % TWO_PI)
         seen = simulated(oscillator, start, near.period)
         hits = [event for event in seen.events if event.kicked]
@@ -185,7 +185,7 @@ def _add_returns(
             continue
         try:
             near = guessed(record, place, section[place], n, m)
-        except NoSolution:
+        except (NoMotion, NoConvergence):
             continue
         if near is not None:
             tried[m] += _add_new(found, near, distance)
@@ -202,7 +202,7 @@ def _add_new(found: Found, guess: Guess, within: float) -> bool:
         return False
     try:
         problem, x = anchored(problem, x, states)
-    except (NoMotion, NoConvergence, NoSolution):
+    except (NoMotion, NoConvergence):
         return False
     found.add(problem, x)
     return True
@@ -223,7 +223,7 @@ def _near(
 def _add_quiet(found: Found, record: ImpactRecord, sizes: list[float] | None) -> None:
     """Try the orbit without impacts, of one period, near the end of a motion without impacts."""
     system, length = record.system, TWO_PI / record.system.frequency
-    with suppress(NoMotion, NoConvergence, NoSolution, NotImplementedError):
+    with suppress(NoMotion, NoConvergence, NotImplementedError):
         seen = of_period(simulated(system, record.final, _SETTLED * length), _LATE * length, length)
         guess = guess_of(system, record.final, seen, 1, length, sizes)
         if not guess[0].course.hits:
@@ -244,17 +244,16 @@ def _near_return(
 
     Raises
     ------
-    NoSolution
-        When the motion ends, or has an event that equations by itinerary do not cover.
+    NoMotion
+        When the motion ends.
+    NoConvergence
+        When it has an event that equations by itinerary do not cover.
     """
     system: Any = record.system
-    try:
-        start = system.without_shift(state)
-        run = system._run(system.impact_state(start), impacts, store=True)
-        seen = events_seen(system, run)
-        if any(event.chatters for event in seen.events) or run.impacts != impacts:
-            return None
-        length = periods * TWO_PI / system.frequency
-        return guess_of(system, run.start, seen, periods, length, sizes)
-    except (NoMotion, NoConvergence) as refusal:
-        raise NoSolution(str(refusal)) from refusal
+    start = system.without_shift(state)
+    run = system._run(system.impact_state(start), impacts, store=True)
+    seen = events_seen(system, run)
+    if any(event.chatters for event in seen.events) or run.impacts != impacts:
+        return None
+    length = periods * TWO_PI / system.frequency
+    return guess_of(system, run.start, seen, periods, length, sizes)

@@ -9,9 +9,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from dynkit.core.differences import STEP
-from dynkit.core.no_motion import NoCrossing, NoDerivative, Refused, replaced
+from dynkit.core.no_motion import NoCrossing, NoDerivative, NoMotion, replaced
 from dynkit.core.validation import Array
-from dynkit.orbits.newton import NoSolution
 from dynkit.systems.impact.elements.element import HALT, EventKind
 from dynkit.systems.impact.elements.laws import ImpactLaw
 from dynkit.systems.impact.orbits.exponentials import moved
@@ -38,14 +37,11 @@ def change_by(oscillator: ImpactMap, name: str) -> Array | None:
     """
 
     def system(p: Array) -> Any:
-        try:
-            return replaced(oscillator, **{name: float(p[0])})
-        except Refused as refusal:
-            raise NoSolution(str(refusal)) from refusal
+        return replaced(oscillator, **{name: float(p[0])})
 
     try:
         found = Changes(system).by(np.array([oscillator.value_of(name)], dtype=float), 0)
-    except NoSolution:
+    except NoMotion:
         return None
     return None if found is None else found[0]
 

@@ -19,7 +19,6 @@ from dynkit.systems.impact.elements.stops import HardStop
 from dynkit.systems.impact.orbits.borders import (
     Border,
     OfImpact,
-    Touching,
     VanishingAcceleration,
     VanishingImpulse,
     acceleration,
@@ -347,8 +346,8 @@ class VanishingInterval(Border):
 
 
 @final
-class TouchingGuard(Touching):
-    """A guard touches zero between two events.
+class TouchingGuard(Border):
+    """A guard is zero at its minimum between two events, whose phase is an additional unknown.
 
     Parameters
     ----------
@@ -358,7 +357,7 @@ class TouchingGuard(Touching):
     element, guard : int
     """
 
-    kind = BifurcationKind.GR
+    kind, ends, unknowns = BifurcationKind.GR, False, 1
     problem: Any
 
     def __init__(self, problem: Any, part: int, element: int, guard: int) -> None:
@@ -367,18 +366,26 @@ class TouchingGuard(Touching):
         if element in after.held and element < len(problem.oscillator._stops):
             self.kind = BifurcationKind.CB
 
-    def curve(self, solution: ItinerarySolution) -> tuple[Curve, float]:
-        return solution.curve(self.part, self.side, self.number), solution.begins(self.part)
+    def _curve(self, solution: ItinerarySolution) -> Curve:
+        return solution.curve(self.part, self.side, self.number)
 
-    def measures(self, solution: ItinerarySolution) -> Array:
-        size = solution.size_of(self.part, self.side, self.number)
-        return np.asarray(size * np.array([1.0, solution.frequency]))
+    def size(self, solution: ItinerarySolution) -> float:
+        return solution.size_of(self.part, self.side, self.number)
+
+    def begin(self, solution: ItinerarySolution) -> Array:
+        after = solution.frequency * self._curve(solution).smallest[1]
+        return np.array([solution.begins(self.part) + after])
+
+    def left(self, solution: ItinerarySolution, own: Array) -> Any:
+        since = (own - solution.begins(self.part)) / solution.frequency
+        units = self.size(solution) * np.array([1.0, solution.frequency])
+        return self._curve(solution).values(since, 2)[:, 0] / units
 
     def value(self, solution: ItinerarySolution) -> float:
         ends = [i for i in solution.ends(self.part) if i in solution.impulse_of]
         if any(solution.impulses[solution.impulse_of[i]] < 0.0 for i in ends):
             return math.nan
-        curve = self.curve(solution)[0]
+        curve = self._curve(solution)
         if curve.lasts <= AT_ONCE * solution.period:
             return math.nan  # between simultaneous events the minimum is a rounding error
         if not solution.blind:
@@ -394,7 +401,7 @@ class TouchingGuard(Touching):
             seen, begins = curve.seen, float(curve.nodes[1][0, 0])
             return seen if abs(seen) > abs(begins) else math.inf
         begin, rate, bend = curve.nodes[1][:, 0].tolist()
-        least = ZERO * max(curve.rounding, 2.0**-52 * float(self.measures(solution)[0]))
+        least = ZERO * max(curve.rounding, 2.0**-52 * self.size(solution))
         if abs(begin) > least:
             return curve.seen
         slow = abs(rate) * curve.lasts <= least

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Mapping, Sequence
+from functools import reduce
 from typing import Any, NamedTuple, Self, final
 
 import numpy as np
@@ -22,7 +23,6 @@ from dynkit.systems.impact.orbits.itineraries.happening import Happening
 from dynkit.systems.impact.orbits.itineraries.meeting import beyond
 from dynkit.systems.impact.orbits.itineraries.motion import ItinerarySolution
 from dynkit.systems.impact.orbits.itineraries.one_mode import monodromy
-from dynkit.systems.impact.orbits.itineraries.one_mode.openness import flights_are_open
 from dynkit.systems.impact.orbits.itineraries.one_mode.responses import ResponseSolution
 from dynkit.systems.impact.orbits.itineraries.parting import commute, ordered, parted
 from dynkit.systems.impact.orbits.itineraries.several_modes import crossings
@@ -105,8 +105,10 @@ class ItineraryEquations(ImpactProblem):
         s = self.at(x, p)
         last = (int(np.argmax(s.durations)) + 1) % s.events
         if isinstance(s, ResponseSolution):
-            return monodromy.monodromy_from(s, last)
-        return crossings.monodromy_from(s, last)
+            matrices = np.roll(monodromy.struck(s), 1, axis=0)
+        else:
+            matrices = crossings.tangents(s, s.guards)
+        return np.asarray(reduce(lambda found, own: own @ found, np.roll(matrices, -last, axis=0)))
 
     def returns(self, x: Array, p: Array) -> Any:
         if not self.driven:
@@ -452,12 +454,6 @@ class ItineraryEquations(ImpactProblem):
             left = [Station(Happening(mode, -1, 0), phase, None, s.flown(i, phase), True)]
         return self._of(x, left)
 
-    def without_impact(self, x: Array, p: Array, i: int) -> tuple[Self, Array] | None:
-        """Return the same motion without impact number `i`; None if the impact changes the mode."""
-        k = self.at(x, p).hits[i]
-        same = self.itinerary[(k + 1) % len(self.itinerary)].mode == self.itinerary[k].mode
-        return self.without(x, p, [k]) if same else None
-
     def neighbours(self, event: int, x: Array, p: Array) -> list[tuple[Problem, Array, Array]]:
         """Return the same motion as an orbit with more or fewer events.
 
@@ -475,9 +471,9 @@ class ItineraryEquations(ImpactProblem):
     def admissible(self, x: Array, p: Array) -> bool:
         """Whether all impulses are compressive, all guards positive, and no event is missed."""
         s = self.at(x, p)
-        if isinstance(s, ResponseSolution):
-            return bool((s.impulses > 0.0).all()) and flights_are_open(s)
-        return not any(event.value < 0.0 for event in self.events(x, p)) and s.admissible
+        if not self.responds and any(event.value < 0.0 for event in self.events(x, p)):
+            return False
+        return bool(s.admissible)
 
 
 def _event(border: Border, solution: ItinerarySolution) -> Event:

@@ -8,8 +8,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from dynkit.core.cost import Cost
+from dynkit.core.no_motion import NoMotion
 from dynkit.core.validation import Array, positive_integer
-from dynkit.orbits.newton import NoConvergence, NoSolution
+from dynkit.orbits.newton import NoConvergence
 from dynkit.orbits.solving import solve
 from dynkit.systems.impact.orbits.itineraries.equations import ItineraryEquations
 from dynkit.systems.impact.orbits.itineraries.flying import flights_of
@@ -206,7 +207,7 @@ def _grows(problem: ItineraryEquations, guess: Array) -> bool:
     """Whether states depend so strongly on earlier ones that all of them must be unknowns."""
     try:
         matrix = problem.linearization(guess, NONE) * problem.scale(guess)
-    except NoSolution:
+    except NoMotion:
         return False
     return bool(abs(matrix).max() > _LARGE)
 
@@ -274,7 +275,7 @@ def _singular(problem: ItineraryEquations, x: Array) -> bool:
     """Whether the Jacobian of the equations is singular up to rounding."""
     try:
         matrix = problem.linearization(x, NONE) * problem.scale(x)
-    except NoSolution:
+    except NoMotion:
         return False
     matrix /= np.maximum(abs(matrix).max(axis=1), 1.0)[:, None]  # rows of stiff stops are large
     sizes = np.linalg.svd(matrix, compute_uv=False)

@@ -10,14 +10,12 @@ import numpy as np
 
 from dynkit.core.differences import STEP
 from dynkit.core.kept import cached_property
-from dynkit.core.no_motion import CannotFollow, Diverged
 from dynkit.core.validation import Array
-from dynkit.orbits.newton import NoSolution
 from dynkit.systems.impact.elements.element import Watch
 from dynkit.systems.impact.modes.constrained import pushes
 from dynkit.systems.impact.modes.taylor.mode import FREQUENCY, Path, TaylorMode
 from dynkit.systems.impact.modes.taylor.scene import Scene
-from dynkit.systems.impact.orbits.exponentials import carried, lifted, moved
+from dynkit.systems.impact.orbits.exponentials import carried, lifted, moved, run_through
 from dynkit.systems.impact.orbits.machine import Machine, Regimes, Rubs
 
 if TYPE_CHECKING:
@@ -47,6 +45,10 @@ class LinearFlights:
         """The state (D,) after a flight from state `z`, and its derivative (D, D) by `z`."""
         (flown,) = moved(self._flow[None], np.array([lasts]), self._measures)
         return flown @ z, flown
+
+    def states(self, z: Array, times: Array) -> Array:
+        """States (k, D) at times (k,) after a state `z`."""
+        return run_through(self._flow, z, times, self._measures)
 
     def rates(self, states: Array) -> Array:
         """Rates (n, D) of states (n, D)."""
@@ -182,6 +184,10 @@ class TaylorFlights:
         """The flight from a state over a duration."""
         return self.mode.path(self.short(z), max(lasts, 0.0))
 
+    def states(self, z: Array, times: Array) -> Array:
+        """States (k, D) at times (k,) after a state `z`."""
+        return self.whole(self.path(z, float(times.max(initial=0.0))).states(times))
+
     def passed(self, z: Array, lasts: float) -> tuple[Array, Array]:
         """The state (D,) after a flight from state `z`, and its derivative (D, D) by `z`.
 
@@ -190,13 +196,9 @@ class TaylorFlights:
 
         Raises
         ------
-        NoSolution
-            When the flight diverges or cannot be followed.
+        Diverged, CannotFollow
         """
-        try:
-            end, flow = self.mode.flow(self.short(z), lasts)
-        except (Diverged, CannotFollow) as refusal:
-            raise NoSolution(str(refusal)) from refusal
+        end, flow = self.mode.flow(self.short(z), lasts)
         out = np.eye(len(z))
         out[:-3] = self.wide(flow[:-1], z)
         s, c = math.sin(self._clock * lasts), math.cos(self._clock * lasts)
@@ -427,18 +429,13 @@ class TaylorFlights:
             a, b = (self.tangent(there) for there in self.whole(self.path(z, lasts).states(places)))
             turned = math.sqrt(3.0) / 12.0 * lasts * (b @ a - a @ b)
             (out[i],) = lifted(0.5 * (a + b) + turned, np.array([lasts]))
-        return out, self._ends(states, times)
+        ends = [self.states(*pair) for pair in zip(states, times[:, None], strict=True)]
+        return out, np.concatenate(ends)
 
     def carried(self, states: Array, times: Array) -> Array:
         """Changes (n, D) of states (n, D) after short flights, due to changes of the numbers."""
         found = [self.changed(*pair) for pair in zip(states, times, strict=True)]
         return np.array(found).reshape(states.shape)
-
-    def _ends(self, states: Array, times: Array) -> Array:
-        """States (n, D) after flights of durations (n,)."""
-        pairs = zip(states, times.tolist(), strict=True)
-        found = [self.whole(self.path(z, lasts).states(np.array([lasts]))) for z, lasts in pairs]
-        return np.concatenate(found)
 
     def rolled(self, element: int, states: Array, times: Array) -> tuple[Array, Array]:
         """Changes along flights: of the gradient of a gap, (n, D), and of its change by numbers.
@@ -521,10 +518,15 @@ def number_of(guards: Sequence[Any], watch: Any) -> int:
     return next(k for k, own in enumerate(guards) if same(own, watch))
 
 
-def flights_of(oscillator: Any, machine: Machine, mode: Regimes) -> Flights:
-    """The flights of an oscillator in one mode."""
-    linear = oscillator._motion is None
-    measures = np.ones(2 * machine.size + len(machine.sliders) + 3)
-    if linear:
-        return LinearFlights(machine, mode, measures)
-    return TaylorFlights(oscillator, machine, mode)
+def flights_of(
+    oscillator: Any,
+    machine: Machine,
+    mode: Regimes,
+    measures: Array | None = None,
+    changes: Array | None = None,
+) -> Flights:
+    """The flights of an oscillator in one mode; see `LinearFlights` and `TaylorFlights`."""
+    if oscillator._motion is not None:
+        return TaylorFlights(oscillator, machine, mode, changes)
+    units = np.ones(2 * machine.size + len(machine.sliders) + 3) if measures is None else measures
+    return LinearFlights(machine, mode, units)

@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from dynkit.core.no_motion import NoMotion
 from dynkit.core.validation import Array, within_memory
-from dynkit.orbits.newton import NoSolution
 from dynkit.systems.impact.modes.free_motion import free_motion
 from dynkit.systems.impact.orbits.itineraries.equations import APART, ItineraryEquations
 from dynkit.systems.impact.orbits.itineraries.happening import Happening
@@ -46,7 +46,7 @@ def make_problem(oscillator: ImpactMap, periods: int, sides: Any) -> ItineraryEq
     """
     try:
         drives = drives_of(oscillator)
-    except NoSolution as refusal:
+    except NoMotion as refusal:
         raise ValueError(f"system must have a steady response: {refusal}") from None
     w = oscillator.frequency
     speed = float(abs(drives[0])) * w
@@ -74,67 +74,29 @@ def with_impulses(problem: ItineraryEquations, phases: Array) -> Array:
 
 
 def one_impact(oscillator: ImpactMap, periods: int) -> Iterator[tuple[ItineraryEquations, Array]]:
-    """Yield equations and solutions of all P(1,m), from their closed form."""
+    """Yield equations and solutions of all P(1,m), from their closed form.
+
+    The equations are linear in all unknowns except the phase, and contain its sine and cosine. One
+    combination of the equations contains the phase alone: a + b cos + c sin = 0. The others give
+    the impulse and, where a motion has no restoring force, the state. If the equations leave one of
+    these unknowns free, no orbit is isolated.
+    """
     for side in range(len(oscillator._stops)):
         problem = make_problem(oscillator, periods, [side])
-        for x in _held(problem, side) if problem.responds else _not_held(problem):
+        none = np.zeros(problem.size - 1)
+        matrix = problem.linearization(np.append(0.0, none), NONE)[:, 1:]
+        left, sizes, _ = np.linalg.svd(matrix)
+        if sizes[-1] < APART * sizes[0]:
+            continue
+        phases = np.array([0.0, math.pi, 0.5 * math.pi])
+        rest = [problem.residual(np.append(phase, none), NONE) for phase in phases]
+        zero, half, quarter = rest @ left[:, -1]
+        mean, cosine = 0.5 * (zero + half), 0.5 * (zero - half)
+        size, begin = math.hypot(cosine, quarter - mean), math.atan2(quarter - mean, cosine)
+        for way in (1.0, -1.0) if 0.0 < size >= abs(mean) else ():
+            x = np.append(begin + way * math.acos(-mean / size), none)
+            x[1:], *_ = np.linalg.lstsq(matrix, -problem.residual(x, NONE), rcond=None)
             yield problem, x
-
-
-def _held(problem: ItineraryEquations, side: int) -> Iterator[Array]:
-    """Solutions P(1,m) where all motions have a restoring force.
-
-    Gap and gap rate at the impact form one complex equation, which is quadratic in the impulse.
-
-    With the steady gap Im(C exp(i phase)) + c and the periodic response G, G' just after a unit
-    impulse, C exp(i phase) = J s / w - i (c + J G), where s = r / (1 + r) - G'.
-    """
-    s: Any = problem.at(np.zeros(2), NONE)
-    r, drive, rest = s.terms.restitutions[side], s.terms.drives[side], s.terms.rests[side]
-    g, rate = s.assembled.responses[:2, 0, 0].tolist()
-    slope = (r / (1.0 + r) - rate) / s.terms.frequency
-    square, linear = g * g + slope * slope, rest * g
-    discriminant = float(linear * linear - square * (rest * rest - abs(drive) ** 2))
-    if discriminant < 0.0:
-        return
-    for root in (1.0, -1.0):
-        impulse = (root * discriminant**0.5 - linear) / square
-        place = complex(impulse * slope, -(rest + impulse * g)) / drive
-        yield np.array([np.angle(place), impulse])
-
-
-def _not_held(problem: ItineraryEquations) -> Iterator[Array]:
-    """Solutions P(1,m) where one motion has no restoring force.
-
-    Then the position along this motion is free in the equations of the return. These are linear in
-    all unknowns except the phase, and give the impulse and the rest of the state. The rate of the
-    gap at the impact is a + b cos + c sin of the phase: this equation gives the phase. The gap
-    gives the free position. If the equations leave more unknowns free, or none, no orbit is
-    isolated.
-    """
-    none = np.zeros(problem.size)
-    matrix = problem.linearization(none, NONE)[:, 1:]
-    _, sizes, directions = np.linalg.svd(matrix[2:])
-    way = directions[-1]
-    if sizes[-1] < APART * sizes[0] or abs(matrix[1] @ way) > APART:
-        return
-
-    def returned(phase: float) -> tuple[Array, Array]:
-        start = np.append(phase, none[1:])
-        left = problem.residual(start, NONE)
-        start[1:], *_ = np.linalg.lstsq(matrix[2:], -left[2:], rcond=None)
-        return start, left + matrix @ start[1:]
-
-    left = np.array([returned(phase)[1] for phase in (0.0, math.pi, 0.5 * math.pi)])
-    (zero, half, quarter), returns = left[:, 1], abs(left[:, 2:]).max() < APART
-    mean, cosine = 0.5 * (zero + half), 0.5 * (zero - half)
-    size, begin = math.hypot(cosine, quarter - mean), math.atan2(quarter - mean, cosine)
-    if not returns or abs(mean) > size:
-        return
-    for angle in (math.acos(-mean / size), -math.acos(-mean / size)):
-        x, (gap, *_) = returned(begin + angle)
-        x[1:] -= gap / float(matrix[0] @ way) * way
-        yield x
 
 
 def random_guesses(
@@ -152,5 +114,5 @@ def random_guesses(
             problems[key] = make_problem(oscillator, periods, sides)
         try:
             yield problems[key], with_impulses(problems[key], phases)
-        except NoSolution:
+        except NoMotion:
             continue

@@ -7,9 +7,10 @@ from typing import Any
 
 import numpy as np
 
+from dynkit.core.no_motion import NoMotion
 from dynkit.core.validation import Array
-from dynkit.orbits.newton import NoSolution
-from dynkit.systems.impact.orbits.borders import Border, Touching
+from dynkit.systems.impact.orbits.borders import Border
+from dynkit.systems.impact.orbits.itineraries.borders import TouchingGuard
 from dynkit.systems.impact.orbits.itineraries.motion import AT_ONCE
 from dynkit.systems.impact.simulation.state import TWO_PI
 
@@ -53,7 +54,7 @@ def beyond(problem: Any, event: int, x: Array, p: Array) -> list[tuple[Any, Arra
                 found = each.neighbour(y, p) or found
                 break
     other, y = found
-    switches = isinstance(border, Touching) and other.layout.impacts == problem.layout.impacts
+    switches = isinstance(border, TouchingGuard) and other.layout.impacts == problem.layout.impacts
     if not (places and switches):
         return [(other, y, p)]
     guess, now = y.copy(), other.at(y, p)
@@ -68,10 +69,10 @@ def _meeting(problem: Any, border: Border, solution: Any) -> tuple[float, int] |
     try:
         own = border.begin(solution)
         left = border.left(solution, own)
-    except NoSolution:
+    except NoMotion:
         return None
     phase, element = border.place(solution, own)
-    begins = isinstance(border, Touching) and any(
+    begins = isinstance(border, TouchingGuard) and any(
         _apart(problem, phase, each) <= _MET for each in solution.event_phases
     )
     return None if begins or not np.abs(left).max() <= _MET else (phase, element)

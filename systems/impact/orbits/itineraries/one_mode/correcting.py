@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING, Any, final
+from collections.abc import Callable
+from typing import Any
 
 import numpy as np
 
@@ -11,9 +12,6 @@ from dynkit.core.validation import Array
 from dynkit.orbits.newton import ACCEPTABLE, SHORT, Correction, Direction, Outcome
 from dynkit.systems.impact.orbits.itineraries.one_mode.terms import Terms
 from dynkit.systems.impact.simulation.state import TWO_PI
-
-if TYPE_CHECKING:
-    from dynkit.systems.impact.orbits.itineraries.one_mode.responses import Windows
 
 _POSITIVE = 5e-324, math.inf
 _RANGES = {
@@ -29,81 +27,25 @@ _MOST = 20
 """Largest number of impacts for the kernel: for more, LAPACK solves the equations faster."""
 
 
-@final
-class TableCorrector:
-    """A corrector that takes all steps of Newton's method in one kernel.
+Corrector = Callable[[Array, Array, Array, float, int, int], Correction | None]
+"""From guess, scale, row, level, steps and halvings to the result of `newton.correct`.
 
-    Parameters
-    ----------
-    windows : Windows
-    clock, numbers : (2,), (2, e, 4)
-        Frequency of the phase and numbers of the table: constant part, and factor of the parameter.
-    within : (float, float)
-        Range of the parameter.
-    turn : float
-        Phase of a period.
-    sides, units : (n,), (2n,)
+None unless it converges.
+"""
+
+
+def corrector_of(problem: Any) -> Corrector | None:
+    """Return a corrector that takes all steps of Newton's method in one kernel.
+
+    It serves problems with one free parameter of the table; None for others.
     """
-
-    def __init__(
-        self,
-        windows: Windows,
-        clock: Array,
-        numbers: Array,
-        within: tuple[float, float],
-        turn: float,
-        sides: Any,
-        units: Array,
-    ) -> None:
-        from dynkit.systems.impact.orbits.itineraries.one_mode.correction_kernels import (
-            Buffers,
-            Family,
-        )
-        from dynkit.systems.impact.orbits.itineraries.one_mode.response_kernels import Assembled
-
-        mode, kicks, empty = windows.motion.mode, windows.kicks, np.empty
-        alone, n = mode.layout.modes, len(sides)
-        q, shape = 2 * n + 1, kicks.shape
-        self._mode = mode
-        self._family = Family(
-            *within, clock, numbers, turn, sides, alone, kicks, windows.rows, units
-        )
-        self._buffers = Buffers(
-            Assembled.of(n, shape[1:]),
-            np.zeros((1, 2, 2, shape[2])),
-            empty((1, 2, 0, 0)),
-            empty(shape),
-            empty(shape),
-            empty(1),
-            empty(numbers.shape[1:]),
-            *(empty(q - 1), empty(q), empty(q)),
-            *(empty((q, q)), empty((q, 2))),
-        )
-
-    def __call__(
-        self, guess: Array, scale: Array, row: Array, level: float, steps: int, halvings: int
-    ) -> Correction | None:
-        """Return the result of `dynkit.orbits.newton.correct`; None unless it converges."""
-        from dynkit.systems.impact.orbits.itineraries.one_mode.correction_kernels import correct
-
-        y, history, tangent = guess.copy(), np.empty(steps + 1), np.empty(len(guess))
-        kept = self._mode.propagators.ladder, self._mode.work, self._family, y, scale, row
-        found = history, tangent, self._buffers
-        count, turn = correct(*kept, level, ACCEPTABLE, SHORT, halvings, *found)
-        if not count:
-            return None
-        residuals = tuple(history[:count].tolist())
-        return Correction(y, Outcome.CONVERGED, residuals, Direction(tangent, turn), 0.0)
-
-
-def corrector_of(problem: Any) -> TableCorrector | None:
-    """Return the corrector of a problem with one free parameter; None where it does not apply."""
     sides, names = problem.sides, problem.names
     if not (problem.responds and len(names) == 1 and problem.plain and len(sides) <= _MOST):
         return None
     windows, own, (name,) = problem.windows, problem.oscillator, names
     mode, terms = windows.motion.mode, Terms.of(own)
-    if len(np.intersect1d(mode.propagators.links, mode.layout.modes)):
+    alone = mode.layout.modes
+    if len(np.intersect1d(mode.propagators.links, alone)):
         return None
     clock, numbers = np.array([terms.frequency, 0.0]), np.zeros((2, *terms.numbers.shape))
     numbers[0] = terms.numbers
@@ -115,5 +57,27 @@ def corrector_of(problem: Any) -> TableCorrector | None:
         return None
     else:
         clock = np.array([0.0, 1.0])
-    own = TWO_PI * problem.periods, sides, problem.units_of_equations
-    return TableCorrector(windows, clock, numbers, _RANGES[name], *own)
+    from dynkit.systems.impact.orbits.itineraries.one_mode.correction_kernels import (
+        Family,
+        buffers_of,
+        correct,
+    )
+
+    turn, units, kicks = TWO_PI * problem.periods, problem.units_of_equations, windows.kicks
+    table = *_RANGES[name], clock, numbers, turn
+    family = Family(*table, sides, alone, kicks, windows.rows, units)
+    buffers = buffers_of(family)
+
+    def corrected(
+        guess: Array, scale: Array, row: Array, level: float, steps: int, halvings: int
+    ) -> Correction | None:
+        y, history, tangent = guess.copy(), np.empty(steps + 1), np.empty(len(guess))
+        kept = mode.propagators.ladder, mode.work, family, y, scale, row
+        found = history, tangent, buffers
+        count, turned = correct(*kept, level, ACCEPTABLE, SHORT, halvings, *found)
+        if not count:
+            return None
+        residuals = tuple(history[:count].tolist())
+        return Correction(y, Outcome.CONVERGED, residuals, Direction(tangent, turned), 0.0)
+
+    return corrected

@@ -68,6 +68,15 @@ class Buffers(NamedTuple):
     targets: Array
 
 
+def buffers_of(family: Family) -> Buffers:
+    """Uninitialized buffers for a family."""
+    q, shape, empty = 2 * len(family.sides) + 1, family.kicks.shape, np.empty
+    repeated = np.zeros((1, 2, 2, shape[2])), empty((1, 2, 0, 0)), empty(shape), empty(shape)
+    out, numbers = Assembled.of(len(family.sides), shape[1:]), empty(family.numbers.shape[1:])
+    own = empty(q - 1), empty(q), empty(q), empty((q, q)), empty((q, 2))
+    return Buffers(out, *repeated, empty(1), numbers, *own)
+
+
 @kernel()
 def _evaluate(ladder: Ladder, work: Workspace, family: Family, y: Array, b: Buffers) -> float:
     """Compute the residual at y; return its largest modulus, or -1 where it is not defined."""

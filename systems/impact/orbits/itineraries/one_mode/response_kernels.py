@@ -165,28 +165,6 @@ def assemble(
 
 
 @kernel(entry=True)
-def respond(
-    ladder: Ladder,
-    work: Workspace,
-    rows: Array,
-    kicked: Array,
-    sides: NDArray[np.intp],
-    since: Array,
-    out: Array,
-) -> None:
-    """Compute gaps and derivatives, (orders, n, n), at times since impulses, (n, n).
-
-    `out` and `work` are modified in place; the others are as in `assemble`.
-    """
-    n, states = len(sides), work.states
-    for i in range(n):
-        for j in range(n):
-            k = _flown(ladder, kicked, sides[j], since[i, j], states)
-            for order in range(out.shape[0]):
-                out[order, i, j] = _product(rows, sides[i], order, states, k)
-
-
-@kernel(entry=True)
 def follow_gap(
     ladder: Ladder,
     work: Workspace,

@@ -11,13 +11,20 @@ from scipy.linalg import expm
 
 from dynkit.core.differences import STEP
 from dynkit.core.kept import cached_property
+from dynkit.core.no_motion import NoMotion
 from dynkit.core.validation import Array
 from dynkit.systems.impact.modes.free_motion import FreeMotion, free_motion
 from dynkit.systems.impact.modes.mode import Transitions
 from dynkit.systems.impact.modes.structure import Contact
 from dynkit.systems.impact.orbits.flights import Curve
 from dynkit.systems.impact.orbits.itineraries.itinerary import Course
-from dynkit.systems.impact.orbits.itineraries.motion import LATE, ROUNDING, ItinerarySolution, Lap
+from dynkit.systems.impact.orbits.itineraries.motion import (
+    LATE,
+    ROUNDING,
+    SAME,
+    ItinerarySolution,
+    Lap,
+)
 from dynkit.systems.impact.orbits.itineraries.one_mode.terms import Terms
 from dynkit.systems.impact.orbits.machine import Machine, Numbers
 from dynkit.systems.impact.simulation.state import TWO_PI
@@ -155,28 +162,28 @@ class ResponseSolution(ItinerarySolution):
     @cached_property
     def assembled(self) -> Assembled:
         """Responses to all impulses, residual and Jacobian of the equations."""
+        return self._assembled(self.kicked)
+
+    def _assembled(self, kicked: Array) -> Assembled:
+        """See `assembled`, with states (e, 2, slots) just after impulses."""
         from dynkit.systems.impact.orbits.itineraries.one_mode.response_kernels import (
             Assembled,
             assemble,
         )
 
-        mode, out = self.mode, Assembled.of(len(self.sides), self.kicked.shape[1:])
-        own = self.windows.rows, self.kicked, self._moved, self.sides, self.terms.numbers
+        mode, out = self.mode, Assembled.of(len(self.sides), kicked.shape[1:])
+        own = self.windows.rows, kicked, self._moved, self.sides, self.terms.numbers
         at = self.event_phases, self.impulses, self.clock, self.turn
         assemble(mode.propagators.ladder, mode.work, *own, *at, out)
         return out
 
     def _disturbed(self, multiplier: complex) -> Any:
         """Responses (3, n, n) if impulses are multiplied from one period to the next."""
-        from dynkit.systems.impact.orbits.itineraries.one_mode.response_kernels import respond
-
-        n, kept = len(self.sides), (self.mode.propagators.ladder, self.mode.work)
         states = self.transition.periodic(self.windows.kicks, multiplier)
-        out: Any = 0.0
-        for unit in (1.0, 1j) if np.iscomplexobj(states) else (1.0,):
-            part, seen = np.ascontiguousarray((states / unit).real), np.empty((3, n, n))
-            respond(*kept, self.windows.rows, part, self.sides, self.assembled.since, seen)
-            out = out + unit * seen
+        units = (1.0, 1j) if np.iscomplexobj(states) else (1.0,)
+        parts = [np.ascontiguousarray((states / unit).real) for unit in units]
+        seen = [self._assembled(part).responses[:3] for part in parts]
+        out: Any = sum(unit * part for unit, part in zip(units, seen, strict=True))
         return out * multiplier**self.assembled.turns
 
     @property
@@ -337,6 +344,42 @@ class ResponseSolution(ItinerarySolution):
         first, last = (self.sides[k] == element for k in self.ends(i))
         proved = least_coefficient(values, h, first, last) > 1.1 * (error + curve.rounding)
         return True if proved else None
+
+    @property
+    def admissible(self) -> bool:
+        """Whether all impulses are compressive, and no impact is missing.
+
+        This is proved by bounds of the gaps. Where a gap nearly closes and the proof fails,
+        simulation from just after each impact decides.
+        """
+        if not (self.impulses > 0.0).all():
+            return False
+        stops = range(len(self.terms.rests))
+        gaps = [self.is_open(i, k) for i in range(self.events) for k in stops]
+        if False in gaps or None not in gaps:
+            return False not in gaps
+        system, states = self.system(), self.section_states
+        # the order of simultaneous impacts is decided by rounding
+        some = [i for i in range(self.events) if not self._is_at_once(i)]
+        return all(self._comes_next(i, system, states[i]) for i in some)
+
+    def _is_at_once(self, i: int) -> bool:
+        """Whether impact `i` and the next one in time are simultaneous."""
+        least = self.least_apart(i, float(self.measures[0])) * self.period
+        return bool(self.lasts[i] <= least)
+
+    def _comes_next(self, i: int, system: Any, state: Array) -> bool:
+        """Whether simulation from the state just after impact `i` finds the next one."""
+        try:
+            run = system._run(system.impact_state(state), 1, store=True)
+        except NoMotion:  # at a grazing impact another gap is zero, or negative by rounding
+            return False
+        ends = [self.ends(i)[1]]
+        while self._is_at_once(ends[-1]) and len(ends) < self.events:
+            ends.append(self.ends(ends[-1])[1])
+        if not run.impacts or len(run.contacts) or run.sides[1] not in self.sides[ends]:
+            return False
+        return bool(abs(run.time[0] - self.lasts[i]) <= SAME * self.period)
 
     def size_of(self, i: int, element: int, guard: int) -> float:  # noqa: ARG002
         row = self.oscillator._stops[element].row(self.oscillator.degrees_of_freedom)

@@ -11,7 +11,6 @@ from numpy.typing import NDArray
 
 from dynkit.core.differences import STEP
 from dynkit.core.kept import cached_property
-from dynkit.core.no_motion import NoMotion
 from dynkit.core.validation import Array
 from dynkit.orbits.newton import NoSolution
 from dynkit.systems.impact.elements.element import EventKind
@@ -107,11 +106,8 @@ class Chatter:
         slide = () if oscillator._motion else (k for k in machine.sliders if numbers[k])
         closed = (*self.flying.held, *slide)
         x, v = np.append(state[:n], state[2 * n : -3]), beside(oscillator, state[n : 2 * n])
-        try:
-            start = state_at(oscillator, x, v, turn, speed, self.element, Motion.TABLE, closed)
-            self.run = self._to_contact(oscillator, start, fastest)
-        except NoMotion as refusal:
-            raise NoSolution(str(refusal)) from refusal
+        start = state_at(oscillator, x, v, turn, speed, self.element, Motion.TABLE, closed)
+        self.run = self._to_contact(oscillator, start, fastest)
         self.begin = self._landed(self._held, self._last)[0]
 
     def _to_contact(self, oscillator: Any, start: Any, fastest: float) -> Trajectory:

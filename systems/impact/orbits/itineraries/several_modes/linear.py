@@ -14,12 +14,10 @@ from dynkit.systems.impact.orbits.exponentials import (
     exponentials,
     gained,
     moved,
-    run_through,
 )
 from dynkit.systems.impact.orbits.flights import Curve
-from dynkit.systems.impact.orbits.itineraries.flying import LinearFlights
 from dynkit.systems.impact.orbits.itineraries.several_modes.shooting import ShootingSolution
-from dynkit.systems.impact.orbits.machine import Numbers, Regimes
+from dynkit.systems.impact.orbits.machine import Numbers
 
 _ROUNDING = 2.0**-52
 
@@ -57,10 +55,6 @@ class LinearSolution(ShootingSolution):
         out[own] = gained(self.flows[own], begun, lasts, self.measures)
         return out
 
-    @kept
-    def flights(self, mode: Regimes) -> LinearFlights:
-        return LinearFlights(self.machine, mode, self.measures)
-
     def acceleration(self, i: int) -> tuple[float, float]:
         k = self.hits[i]
         row = self.machine.rate(int(self.sides[i])) @ self.flows[k]
@@ -82,7 +76,8 @@ class LinearSolution(ShootingSolution):
     @kept
     def _through(self, i: int, times: Array) -> Array:
         """States (k, D) at times (k,) after event `i`, or its chatter; all guards share them."""
-        return run_through(self.flows[i], self.begun(i), times, self.measures)
+        states: Array = self._modes[i].states(self.begun(i), times)
+        return states
 
     # --- divided differences ----------------------------------------------------------------------
 
@@ -163,8 +158,3 @@ class LinearSolution(ShootingSolution):
         there = LinearSolution(scene, *given)
         with np.errstate(all="ignore"):
             return np.asarray(there.left.imag / STEP)
-
-    def _passed(self, i: int, durations: Array) -> Array:
-        flows = np.broadcast_to(self.flows[i], (len(durations), *self.flows[i].shape))
-        z = moved(flows, np.maximum(durations - self._late(i), 0.0), self.measures)
-        return np.asarray((z @ self.begun(i))[:, : self.dimension])

@@ -3,16 +3,17 @@
 from __future__ import annotations
 
 from abc import abstractmethod
+from collections.abc import Mapping
 from typing import Any, NamedTuple, Self
 
 import numpy as np
 
 from dynkit.core.differences import STEP
-from dynkit.core.kept import cached_property
+from dynkit.core.kept import cached_property, kept
 from dynkit.core.validation import Array
 from dynkit.exponential.propagators import padded
 from dynkit.orbits.newton import NoSolution
-from dynkit.systems.impact.orbits.itineraries.flying import Flights, laid
+from dynkit.systems.impact.orbits.itineraries.flying import Flights, flights_of, laid
 from dynkit.systems.impact.orbits.itineraries.itinerary import Course
 from dynkit.systems.impact.orbits.itineraries.motion import ItinerarySolution, Lap
 from dynkit.systems.impact.orbits.itineraries.several_modes import divided
@@ -25,6 +26,8 @@ from dynkit.systems.impact.simulation.state import TWO_PI, turning
 
 ROUNDING = 2.0**-52
 """Relative rounding error of a number."""
+
+_NO_CHANGES: Mapping[Regimes, Array] = {}
 
 
 class Scene(NamedTuple):
@@ -52,6 +55,8 @@ class Passage(ItinerarySolution):
     driven : bool
     still : Passage, optional
         The same motion of the machine without the imaginary changes of its numbers.
+    changes : mapping of Regimes to arrays, optional
+        These changes of the numbers of flights by Taylor's method, by modes.
     """
 
     blind = True
@@ -64,8 +69,9 @@ class Passage(ItinerarySolution):
         pairs: list[divided.Pair | None],
         driven: bool,
         still: Self | None = None,
+        changes: Mapping[Regimes, Array] = _NO_CHANGES,
     ) -> None:
-        self._still = still
+        self._still, self._changes = still, changes
         self.scene, self.machine, self.pairs, self.driven = scene, scene.machine, pairs, driven
         clock = scene.machine.frequency if driven else TWO_PI / lap.turn
         super().__init__(scene.oscillator, scene.measures, course, lap, clock)
@@ -320,9 +326,11 @@ class Passage(ItinerarySolution):
     def norms(self) -> Array:
         """Norms (n,) of the flights: durations times the fastest rate. Rounding grows with them."""
 
-    @abstractmethod
+    @kept
     def flights(self, mode: Regimes) -> Flights:
         """The flights in a mode."""
+        changes = self._changes.get(mode)
+        return flights_of(self.oscillator, self.machine, mode, self.measures, changes)
 
     def _flight(self, i: int, z: Any, lasts: Any) -> tuple[Any, Any]:
         """State (D,) at the next event after a flight from `z`, and its derivative (D, D) by `z`.
@@ -367,9 +375,11 @@ class Passage(ItinerarySolution):
     def rise_change(self, j: int, i: int) -> Any:
         """Derivative (D,) of `rise` by the state at the begin."""
 
-    @abstractmethod
     def _passed(self, i: int, durations: Array) -> Array:
         """States (k, 2N + J) at times (k,) after event `i`; after a chatter those in contact."""
+        times = np.maximum(durations - self._late(i), 0.0)
+        states: Array = self._modes[i].states(self.begun(i), times)
+        return states[:, : self.dimension]
 
     def flown(self, i: int, phase: float) -> Array:
         """The state (2N + J,) at a phase after event `i`."""

@@ -14,16 +14,13 @@ from dynkit.core.validation import Array
 from dynkit.orbits.newton import NoSolution
 from dynkit.systems.impact.orbits.flights import Curve
 from dynkit.systems.impact.orbits.itineraries.flying import TaylorFlights
-from dynkit.systems.impact.orbits.itineraries.itinerary import Course
-from dynkit.systems.impact.orbits.itineraries.motion import ROUNDING, Lap
+from dynkit.systems.impact.orbits.itineraries.motion import ROUNDING
 from dynkit.systems.impact.orbits.itineraries.several_modes import divided
-from dynkit.systems.impact.orbits.itineraries.several_modes.passage import Scene
 from dynkit.systems.impact.orbits.itineraries.several_modes.shooting import ShootingSolution
 from dynkit.systems.impact.orbits.machine import Numbers
 
 if TYPE_CHECKING:
     from dynkit.systems.impact.modes.taylor.mode import Path
-    from dynkit.systems.impact.orbits.machine import Regimes
 
 _POINTS = 24
 """Number of Chebyshev points at which guards are interpolated in a step of Taylor's method."""
@@ -45,26 +42,7 @@ class TaylorSolution(ShootingSolution):
     States (D,) are those of linear flights: positions, velocities, positions of sliders, sine and
     cosine of the phase, and 1. Rows of gaps and of their rates are the same as well. Flights, with
     derivatives by variational equations, contact forces, and kicks of a varying mass are different.
-
-    If the machine's numbers have imaginary changes, `changes` are those of the numbers of flights,
-    by modes.
     """
-
-    def __init__(
-        self,
-        scene: Scene,
-        course: Course,
-        lap: Lap,
-        pairs: list[divided.Pair | None],
-        driven: bool,
-        still: TaylorSolution | None = None,
-        changes: dict[Regimes, Array] | None = None,
-    ) -> None:
-        super().__init__(scene, course, lap, pairs, driven, still)
-        self._changes = changes or {}
-
-    def flights(self, mode: Regimes) -> TaylorFlights:
-        return TaylorFlights(self.oscillator, self.machine, mode, self._changes.get(mode))
 
     # --- flights ----------------------------------------------------------------------------------
 
@@ -224,11 +202,6 @@ class TaylorSolution(ShootingSolution):
         scene = self.scene._replace(machine=self.machine.changed(self.oscillator, change))
         given = scene, self.course, self.lap, self.pairs, self.driven
         return np.asarray(TaylorSolution(*given, self, parts).left.imag / STEP)
-
-    def _passed(self, i: int, durations: Array) -> Array:
-        path, late = self._path(i)
-        states = self._modes[i].whole(path.states(np.maximum(durations - late, 0.0)))
-        return np.asarray(states[:, :-3])
 
 
 _PLACES = np.cos(np.pi * (np.arange(_POINTS) + 0.5) / _POINTS)
