@@ -88,7 +88,7 @@ def _linked(mode: Mode, used: Any) -> tuple[Any, Any, Any, float, Array]:
 
 
 def _units(pairs: Pairs) -> Array:
-    """Units of the second numbers of pairs, in which a pair of constant energy rotates uniformly."""
+    """Units of second numbers in which a pair of constant energy rotates uniformly."""
     return np.where(pairs.scale > 0.0, pairs.scale, 1.0)
 
 

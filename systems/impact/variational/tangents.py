@@ -264,14 +264,6 @@ def _flights(
 
 def _jumps(oscillator: DrivenStructure, run: Trajectory, now: slice) -> tuple[Array, Any]:
     """Bend, kick and push (n, 3) of some impacts, and the number (n,) of directions they lose."""
-    log, r = run.log, oscillator.restitution
-    if not isinstance(r, ImpactLaw) and r > 0.0 and not run.guards[log.guard[now], 0].any():
-        from dynkit.systems.impact.variational.tangent_kernels import fill_jumps
-
-        tables, jumps = oscillator._automaton.tables, np.empty((now.stop - now.start, 3))
-        own = tables.ladders.rows, tables.kick, tables.restitution
-        fill_jumps(log.guard[now], log.speed[now], log.states[now], *own, jumps)
-        return jumps, np.zeros(len(jumps), dtype=np.intp)
     rates, bends = before_impacts(oscillator, run, now)
     rates = np.minimum(rates, 0.0)
     r, slope = rebound(oscillator.restitution, rates)
