@@ -68,9 +68,8 @@ def _alone(mode: Mode, used: Any) -> tuple[Any, Any, Any, float, Array]:
     each = np.arange(size)
     to[each, ..., used] = inverse * unit[:, None]
     fro[:, used, each] = (vectors / unit[..., None]).swapaxes(0, 1)
-    error = abs(rates).ravel()
-    to, fro = to.reshape(len(error), -1), fro.reshape(-1, len(error))
-    return rates.ravel(), to, fro, condition, error
+    m, rates = 2 * size, rates.ravel()
+    return rates, to.reshape(m, -1), fro.reshape(-1, m), condition, abs(rates)
 
 
 def _linked(mode: Mode, used: Any) -> tuple[Any, Any, Any, float, Array]:

@@ -271,8 +271,7 @@ def _by_variations(oscillator: DrivenStructure, state: ImpactState, run: Traject
         return np.vstack([out[positions], out[n + velocities], out[2 * n : -1]])
     guard = oscillator._automaton.guards[int(run.log.guard[-1])]
     mode = oscillator._automaton.modes[guard.mode]
-    stop, (sine, cosine) = oscillator._stops[side], end[:, -1].tolist()
-    rate, speed = float(mode.gap(side, *end[:, :n], sine, cosine)[1]), float(run.log.speed[-1])
+    stop, speed, rate = oscillator._stops[side], float(run.log.speed[-1]), mode.gap_at(side, end)[1]
     slope = float(_slopes(stop, np.array([rate]), np.array([speed]))[0])
     if isinstance(stop.restitution, float):
         r, rate = slope, -speed / slope if slope else rate

@@ -249,7 +249,7 @@ class _Curved(_Orders):
 
     def _struck(self, guard: Any, y: Array, disturbances: Array) -> tuple[Array, Array]:
         mode, k = self.modes[guard.mode], guard.element
-        rate = float(self._gap(mode, k, y)[1])
+        rate = mode.gap_at(k, y)[1]
         law = self.oscillator._stops[k].restitution
         r, slope = (float(np.ravel(a)[0]) for a in rebound(law, np.array([rate])))
         rubs = rubbed(self.oscillator, guard, y, disturbances, slope, r, rate)
@@ -257,20 +257,16 @@ class _Curved(_Orders):
         x, phase = mode.motion(y)[0], float(np.arctan2(*y[:, -1]))
         moved = self._moved(mode, k, y, -(1.0 + r) * rate)
         for j, ratio in self.automaton.scrapes(guard, x, phase):
-            w, most = float(self._gap(mode, j, y)[1]), -(1.0 + r) * ratio * rate
+            w, most = mode.gap_at(j, y)[1], -(1.0 + r) * ratio * rate
             moved = moved + self._moved(mode, j, y, -float(np.clip(w, -most, most)))
         return y + moved, after
 
     def _changed(self, guard: Any, y: Array, disturbances: Array) -> tuple[Array, Array]:
         mode, k = self.modes[guard.mode], guard.element
         if guard.watch.event == IMPACT or mode.scene.elements[k].regimes[guard.watch.to].sticks:
-            moved = self._moved(mode, k, y, -float(self._gap(mode, k, y)[1]))
+            moved = self._moved(mode, k, y, -mode.gap_at(k, y)[1])
             return y + moved, hit(mode, k, y, disturbances, 0.0, 0.0)[0]
         return y, disturbances
-
-    def _gap(self, mode: Any, k: int, y: Array) -> Any:
-        """An element's gap and its rate."""
-        return mode.gap(k, *mode.motion(y), *y[:, -1].tolist())
 
     def _moved(self, mode: Any, k: int, y: Array, jump: float) -> Array:
         """Change of the state by an impulse that changes the rate of an element's gap."""

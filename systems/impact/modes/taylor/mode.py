@@ -173,7 +173,7 @@ class TaylorMode:
         found = np.zeros(len(scene.elements))
         for k, regime in enumerate(self.regimes):
             if regime.acts:
-                gap, rate = self.gap(k, x, v, sine, cosine)
+                gap, rate = scene.gap(k, x, v, sine, cosine)
                 gap = self.stretch(k, state) if k in scene.sliders else gap
                 found[k] = regime.push - regime.stiffness * gap - regime.damping * rate
         signs = np.array([element.sign for element in scene.elements])
@@ -230,15 +230,10 @@ class TaylorMode:
             inertia: Array = np.asarray(np.linalg.solve(mass, rows.T).T, dtype=float)
             check_unique(inertia, rows, push, self.scene.elements[self.slips[0][0]])
 
-    def gap(self, k: int, x: Array, v: Array, sine: Any, cosine: Any) -> tuple[Any, Any]:
-        """Gap of an element and its rate, at positions and velocities (..., N)."""
-        scene = self.scene
-        place, speed, _ = scene.prescribed(k, sine, cosine)
-        sign = scene.elements[k].sign
-        if k in scene.curves:
-            along = scene.curves[k](x), (v * scene.curves[k].gradient(x)).sum(axis=-1)
-            return sign * (along[0] - place), sign * (along[1] - speed)
-        return sign * (x @ scene.rows[k] - place), sign * (v @ scene.rows[k] - speed)
+    def gap_at(self, k: int, state: Array) -> tuple[float, float]:
+        """Gap of an element and its rate, at a state (2, N + J + 1)."""
+        gap, rate = self.scene.gap(k, *self.motion(state), *state[:, -1].tolist())
+        return float(gap), float(rate)
 
     def rate(self, states: Array) -> Array:
         """Rates of change of states (k, 2, N + J + 1), with the velocities of the sliders."""
@@ -261,7 +256,7 @@ class TaylorMode:
         """
         k, watch = self.guards[number]
         scene, (x, v), (sine, cosine) = self.scene, self.motion(state), state[:, -1].tolist()
-        gap, rate = self.gap(k, x, v, sine, cosine)
+        gap, rate = scene.gap(k, x, v, sine, cosine)
         element, w = scene.elements[k], scene.excitation.frequency
         row = abs(scene.rows_at(x)[k])
         value = watch.level + watch.gap * gap + watch.rate * rate
@@ -510,12 +505,10 @@ class TaylorMode:
 
     def _near(self, state: Array) -> int:
         """Number of the stop with the smallest gap at a state, for the choice of coordinates."""
-        (x, v), (sine, cosine) = self.motion(state), state[:, -1].tolist()
         stops = [k for k, e in enumerate(self.scene.elements) if isinstance(e, HardStop)]
         if len(stops) < 2:
             return 0
-        gaps = [abs(self.gap(k, x, v, sine, cosine)[0]) for k in stops]
-        return stops[int(np.argmin(gaps))]
+        return min(stops, key=lambda k: abs(self.gap_at(k, state)[0]))
 
     def quadrature(self, start: Array, duration: float) -> tuple[Array, Array]:
         """Weights (m,) of Gauss-Legendre quadrature over a duration, and states there."""

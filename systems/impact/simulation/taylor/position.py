@@ -193,7 +193,7 @@ class Position:
 
     def _hold(self, k: int, still: Sequence[int]) -> None:
         """Put the state exactly onto a stop that is hit, and stop the slip of friction exactly."""
-        curved = [j for j in (k, *still) if j in self._chart.curves]
+        curved = [j for j in (k, *still) if j in self._mode.scene.curves]
         if not curved:
             return
         place = self._place()
@@ -271,7 +271,7 @@ class Position:
         """Rate of the gap of a stop."""
         if k in self._chart.places:
             return float(self._z[self._half + self._chart.speeds[k]])
-        return float(self._mode.gap(k, *self._bodies(), *self._turn)[1])
+        return float(self._mode.scene.gap(k, *self._bodies(), *self._turn)[1])
 
     # --- guards that are zero at an event ---------------------------------------------------------
 

@@ -199,7 +199,7 @@ class TaylorCourse(Position):
 
     def _early(self, longest: float) -> list[float]:
         """Durations, below the longest, at which the first Taylor steps of a flight end."""
-        most = longest if self._plain and self._chart.curves else _BRIEF[1] * self._period
+        most = longest if self._plain and self._mode.scene.curves else _BRIEF[1] * self._period
         early = [self._bounce] if 0.0 < self._bounce < min(most, longest) else []
         if self._plain and not self._touching:
             return early
@@ -436,7 +436,7 @@ class TaylorCourse(Position):
         self._motion[k], self._speed[k] = FLIGHT if loose else SWITCHED, 0.0
         place = self._place()
         for j, _, stops in slows[0] if u > 0.0 else ():
-            if stops and j in chart.curves:
+            if stops and j in chart.scene.curves:
                 place = self._onto(j, *place, 0.0)
         self._number = self._automaton.enter(number)
         self._left = k
