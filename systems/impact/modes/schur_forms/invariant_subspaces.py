@@ -9,7 +9,7 @@ from typing import final
 import numpy as np
 
 from dynkit.systems.impact.modes.energy_coordinates import EnergyCoordinates
-from dynkit.systems.impact.modes.schur_forms.schur import LARGE, SchurForm
+from dynkit.systems.impact.modes.schur_forms.schur import SchurForm
 from dynkit.systems.structure.double_double import DoubleDouble, add, multiply
 
 SMALL_PROJECTOR = 1e3
@@ -103,14 +103,8 @@ def clusters_of(coordinates: EnergyCoordinates) -> list[Cluster]:
     form = SchurForm(coordinates.matrix, rigid)
     clusters = _rigid_pairs(form, coordinates) if rigid else []
     used = {number for cluster in clusters for number in cluster.numbers}
-    others = [number for number in range(len(form.size)) if number not in used]
-    alone = form.alone() if len(coordinates.matrix.high) >= LARGE else {}
-    clusters += [
-        Cluster([number], *alone[number], form.size[number] % 2)
-        if number in alone
-        else Cluster.of(form, [number], rigid)
-        for number in others
-    ]
+    others = (number for number in range(len(form.size)) if number not in used)
+    clusters += [Cluster.of(form, [number], rigid) for number in others]
     while len(clusters) > 1:
         basis = np.concatenate([cluster.vectors.high for cluster in clusters], axis=1)
         ends = np.cumsum([len(cluster.matrix.high) for cluster in clusters])
