@@ -17,6 +17,7 @@ from dynkit.systems.impact.modes.constrained import ContactParadox
 from dynkit.systems.impact.modes.mode import transformed
 from dynkit.systems.impact.simulation.guard_sums import displaced, value_and_rate
 from dynkit.systems.impact.simulation.state import (
+    MOTIONS,
     TOUCHED,
     TWO_PI,
     ImpactState,
@@ -47,7 +48,6 @@ its change in the smallest step. Rounding errors are smaller."""
 _FEW = 32
 """Initial capacity of the log of switches."""
 
-_MOTIONS = (Motion.FLIGHT, Motion.TABLE, Motion.RELEASE, Motion.TABLE)
 _ENDINGS = tuple(Ending)
 
 
@@ -212,7 +212,7 @@ class Course:
         clock[clock_kernels.LONGEST] = longest
         self._left = np.zeros((len(oscillator._elements), clock_kernels.BEGIN))
         order = 3 if start.motion is Motion.RELEASE else 0
-        self._left[start.element, :3] = _MOTIONS.index(start.motion), order, start.speed
+        self._left[start.element, :3] = MOTIONS.index(start.motion), order, start.speed
         self._shifts: Array | None = None
         if noise > 0.0:
             random, n = np.random.default_rng(seed), oscillator._size
@@ -477,7 +477,7 @@ class Course:
         state, automaton = self._work.states[kernels.START], oscillator._automaton
         mode, element, _, _ = automaton.table[int(clock[clock_kernels.GUARD])].tolist()
         kind, _, speed = self._left[element, :3].tolist()
-        motion = _MOTIONS[int(kind)]
+        motion = MOTIONS[int(kind)]
         closed: list[int] = []
         switched = element if element >= len(oscillator._stops) else -1
         if mode:

@@ -52,7 +52,7 @@ def _bouncing(
     """Velocity changes (m, N) per unit change of the gap's rate, in bounces at positions (m, N)."""
     automaton, elements = oscillator._automaton, oscillator._elements
     mode, stop = automaton.modes[guard.mode], elements[guard.element]
-    if isinstance(mode, TaylorMode) and not mode.constant_kicks:
+    if isinstance(mode, TaylorMode):
         # sine and cosine where the bounces were completed
         turns = run.segments.states[some, :, mode.layout.slots - 1]
         phases = np.arctan2(turns[:, 0], turns[:, 1]).tolist()

@@ -19,7 +19,7 @@ from dynkit.systems.impact.modes.mode import Mode
 from dynkit.systems.impact.simulation.state import ImpactState
 from dynkit.systems.impact.simulation.trajectory import grouped
 from dynkit.systems.impact.variational.order import check_order
-from dynkit.systems.impact.variational.saltation import along, comes_by_itself, reset, scraped
+from dynkit.systems.impact.variational.saltation import along, comes_by_itself, struck
 from dynkit.systems.impact.variational.taylor_derivative import followed, hit, rubbed, rubs_on
 
 _ORDERS = 16
@@ -176,13 +176,7 @@ class _Way:
             row, states = along(guard.sum, 2), y.reshape(len(y), -1)
             law = row @ derivative
             slope = _slopes(stop, states @ row, self.run.log.speed[points])
-            mode = self.modes[guard.mode]
-            kick = mode.placed(stop.sign * mode.contact(stop.row(oscillator._size)).kick[:2])
-            change = reset(slope[:, None, None], kick.ravel(), law)
-            for i in range(len(points)) if guard.scrapes else ():
-                own = float(slope[i]), guard.sum, y[i], derivative[i]
-                change[i] += sum(scraped(part, *own) for part in guard.scrapes)
-            derivative = derivative + change
+            derivative = derivative + struck(oscillator, guard, slope, y, derivative)
             law = -slope[:, None] * law
         return self._seen_from(0, guard.mode, derivative), law, time
 

@@ -18,7 +18,7 @@ from dynkit.systems.impact.elements.element import IMPACT, EventKind
 from dynkit.systems.impact.elements.laws import rebound
 from dynkit.systems.impact.simulation.runs import trajectory_of
 from dynkit.systems.impact.simulation.state import TWO_PI
-from dynkit.systems.impact.variational.saltation import along, falls, reset, scraped, slowed
+from dynkit.systems.impact.variational.saltation import along, falls, slowed, struck
 from dynkit.systems.impact.variational.taylor_derivative import hit, rubbed
 
 _NEAR = 2.0**-40
@@ -202,15 +202,14 @@ class _Linear(_Orders):
 
     def _struck(self, guard: Any, y: Array, disturbances: Array) -> tuple[Array, Array]:
         oscillator, mode = self.oscillator, self.modes[guard.mode]
-        stop, row = oscillator._stops[guard.element], along(guard.sum, 2)
-        rate = float(row @ y.ravel())
+        stop = oscillator._stops[guard.element]
+        rate = float(along(guard.sum, 2) @ y.ravel())
         r, slope = (float(np.ravel(a)[0]) for a in rebound(stop.restitution, np.array([rate])))
         kick = mode.placed(stop.sign * mode.contact(stop.row(oscillator._size)).kick[:2])
-        moved, after = -(1.0 + r) * rate * kick, reset(slope, kick.ravel(), row @ disturbances)
-        for part in guard.scrapes:
-            after = after + scraped(part, slope, guard.sum, y, disturbances)
-            moved = moved - slowed(part, (1.0 + r) * rate, y)
-        return y + moved, disturbances + after
+        moved = -(1.0 + r) * rate * kick
+        moved -= sum(slowed(part, (1.0 + r) * rate, y) for part in guard.scrapes)
+        given = np.array([slope]), y[None], disturbances[None]
+        return y + moved, disturbances + struck(oscillator, guard, *given)[0]
 
     def _changed(self, guard: Any, y: Array, disturbances: Array) -> tuple[Array, Array]:
         change = guard.change

@@ -63,6 +63,22 @@ def reset(slope: float | Array, kick: Array, by_rate: Array) -> Array:
     return np.asarray(-(1.0 + slope) * (kick[:, None] * by_rate[..., None, :]))
 
 
+def struck(
+    oscillator: DrivenStructure, guard: Any, slope: Array, y: Array, derivative: Array
+) -> Array:
+    """Change of derivatives (m, 2 slots, d) by impacts at states (m, 2, slots) of one guard.
+
+    The slopes are (m,). Friction at the impacts is included.
+    """
+    stop, mode = oscillator._stops[guard.element], oscillator._automaton.modes[guard.mode]
+    kick = mode.placed(stop.sign * mode.contact(stop.row(oscillator._size)).kick[:2])
+    change = reset(slope[:, None, None], kick.ravel(), along(guard.sum, 2) @ derivative)
+    for i in range(len(y)) if guard.scrapes else ():
+        own = float(slope[i]), guard.sum, y[i], derivative[i]
+        change[i] += sum(scraped(part, *own) for part in guard.scrapes)
+    return change
+
+
 def slowed(part: Any, jump: float, y: Array) -> Array:
     """Change that friction at an impact subtracts from a state (2, slots).
 

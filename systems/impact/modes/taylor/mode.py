@@ -368,16 +368,6 @@ class TaylorMode:
         own, over = (self._pushed(scene, j, x, phase)[1] for j in (k, scene.normal[k]))
         return max(regime.traction for regime in scene.elements[k].regimes) * own / over
 
-    def pushed(self, row: Array) -> Array:
-        """Velocity changes (N,) of an impulse that changes the rate of a row by one.
-
-        The mass matrix is that at zero. The row is (N,), or (N + J,) with zeros for sliders.
-        """
-        w, motion, zero = self.scene.excitation.frequency, self.scene.motion, np.zeros(self.bodies)
-        row = row[: self.bodies]
-        response = np.linalg.solve(motion.inertia(w, zero, zero, 0.0)[0], row)
-        return np.asarray(response / float(row @ response))
-
     # --- charts -----------------------------------------------------------------------------------
 
     def chart(self, first: int, state: Array) -> Chart:

@@ -14,18 +14,13 @@ from dynkit.systems.impact.elements.friction import LANDED
 from dynkit.systems.impact.modes.curves import CurvedContact
 from dynkit.systems.impact.modes.taylor.gaps import ROUNDING
 from dynkit.systems.impact.modes.taylor.mode import horner
-from dynkit.systems.impact.simulation.state import TOUCHED, TWO_PI, ImpactState, Motion
+from dynkit.systems.impact.simulation.clock_kernels import BOUNCED, BOUNCES, FLIGHT, SWITCHED
+from dynkit.systems.impact.simulation.state import TOUCHED, TWO_PI, ImpactState
 
 if TYPE_CHECKING:
     from dynkit.systems.impact.modes.taylor.chart import Chart
     from dynkit.systems.impact.modes.taylor.mode import TaylorMode
     from dynkit.systems.impact.simulation.driven_structure import DrivenStructure
-
-FLIGHT, BOUNCED, SWITCHED, BOUNCES = range(4)
-"""How each element begins a flight: in flight; just after an impact, after which the mass may come
-to rest; just after a switch; just after an impact, and the mass does not come to rest."""
-
-MOTIONS = (Motion.FLIGHT, Motion.TABLE, Motion.RELEASE, Motion.TABLE)
 
 ABOVE = 1e-300
 """Gap just after an impact. It is not zero because heyoka's root search would report an exact zero

@@ -11,20 +11,13 @@ import numpy as np
 from dynkit.core.validation import Array
 from dynkit.systems.impact.elements.element import HALT, IMPACT, JAM, REST, SWITCH
 from dynkit.systems.impact.modes.constrained import ContactParadox
+from dynkit.systems.impact.simulation.clock_kernels import BOUNCED, BOUNCES, FLIGHT, SWITCHED
 from dynkit.systems.impact.simulation.scrape_kernels import tail, taken
 from dynkit.systems.impact.simulation.scraping import Rub
-from dynkit.systems.impact.simulation.state import TWO_PI, ImpactState, Motion, state_of
+from dynkit.systems.impact.simulation.state import MOTIONS, TWO_PI, ImpactState, Motion, state_of
 from dynkit.systems.impact.simulation.taylor.chatter import chatter, disturbed
 from dynkit.systems.impact.simulation.taylor.log import Log, repeats
-from dynkit.systems.impact.simulation.taylor.position import (
-    ABOVE,
-    BOUNCED,
-    BOUNCES,
-    FLIGHT,
-    MOTIONS,
-    SWITCHED,
-    Position,
-)
+from dynkit.systems.impact.simulation.taylor.position import ABOVE, Position
 from dynkit.systems.impact.simulation.trajectory import Ending, Impacts, Switches, Trajectory
 
 if TYPE_CHECKING:
