@@ -442,11 +442,6 @@ class Trajectory:
         return self.guards[self.switches.guard, 3] == EventKind.CONTACT
 
     @property
-    def contact_sides(self) -> Indices:
-        """Number of the stop of each contact."""
-        return np.asarray(self.guards[self.switches.guard[self._held], 1])
-
-    @property
     def durations(self) -> tuple[Array, Array]:
         """Durations (n,) of the flights before impacts, and (j,) of the contacts before flights."""
         flights = self.time.copy()

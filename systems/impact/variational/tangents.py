@@ -316,12 +316,12 @@ def _contact_matrices(
     out = np.zeros((len(durations), d, d))
     if not len(durations) or d == 2:
         return out
-    before, sides = run.before[some], run.contact_sides[some]
+    before, automaton = run.before[some], oscillator._automaton
     speeds, states = run.speeds[before], run.free_states[before]
-    for side in np.unique(sides).tolist():
-        here = np.flatnonzero(sides == side)
-        mode = oscillator._automaton.held(side).mode
+    for number, here in grouped(run.switches.guard[run._held][some]):
+        guard = automaton.guards[number]
+        mode = automaton.modes[guard.target]
         moved = mode.transitions(durations[here]).matrices(mode.layout.modes)
-        down = closing(oscillator, side, states[here], speeds[here])
-        out[here] = release(oscillator, side) @ moved @ down
+        down = closing(oscillator, guard, states[here], speeds[here])
+        out[here] = release(oscillator, automaton.guards[guard.partner]) @ moved @ down
     return out
