@@ -125,10 +125,6 @@ class Automaton(JoinedModes):
         out._first = first[0], out._tables
         return out
 
-    def gap(self, regimes: tuple[int, ...], element: int) -> Any:
-        """The exponential sum of the first guard of an element in a mode."""
-        return self.guards[self.guard(self._number(regimes), element)].sum
-
     def freed(self, number: int, state: Array) -> tuple[Array, list[int]]:
         """A state (2, slots) of a mode in the basis of the first mode; `Parts.holding` elements."""
         mode = self.modes[number]

@@ -124,7 +124,7 @@ def longest_sample(oscillator: DrivenStructure, run: Trajectory) -> float:
     ladders = list(oscillator._gaps)
     for number in np.unique(run.segments.mode).tolist():
         (guards,) = np.nonzero(run.guards[:, 0] == number)
-        ladders += [run.gap(k)[0] for k in guards.tolist()]
+        ladders += [oscillator._automaton.guards[k].sum for k in guards.tolist()]
     return float(min(2.0 ** (23 + len(part.cell)) * part.smallest for part in ladders))
 
 

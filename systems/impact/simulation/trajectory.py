@@ -404,12 +404,6 @@ class Trajectory:
         held: list[int] = automaton.parts.holding(self.regimes[self.guards[guard, 0]])
         return held
 
-    def gap(self, number: int) -> tuple[Any, Mode]:
-        """The exponential sum of guard `number`, and its mode."""
-        own, element = self.guards[number, :2].tolist()
-        automaton = self.start._system._automaton
-        return automaton.gap(self.regimes[own], element), automaton.mode(self.regimes[own])
-
     def modes(self, numbers: Indices) -> Iterator[tuple[Mode, Any]]:
         """The modes of some segments, each with a mask of the segments in it."""
         automaton = self.start._system._automaton

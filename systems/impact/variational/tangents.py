@@ -279,19 +279,20 @@ def before_impacts(
     """Rates and accelerations (n,) of the gap just before some impacts of a trajectory."""
     log, numbers = run.log, np.arange(run.impacts)[now]
     rates, bends = np.empty((2, run.impacts))
+    automaton = oscillator._automaton
     for number, where in grouped(log.guard[now]):
         here = numbers[where]
-        (gap, mode), (flight, element) = run.gap(number), run.guards[number, :2].tolist()
-        stop = oscillator._stops[element]
+        guard = automaton.guards[number]
+        mode, stop = automaton.modes[guard.mode], oscillator._stops[guard.element]
         law = isinstance(stop.restitution, ImpactLaw)
         r = 0.0 if law else stop.restitution
         if r > 0.0:
             rates[here] = -log.speed[here] / r
         rows = np.zeros((2, 2, mode.layout.slots))
-        rows[..., : gap.rows.shape[1]] = gap.rows[2:6].reshape(2, 2, -1)
-        if r > 0.0 and flight == 0:  # the state after determines that before
-            kick = mode.placed(mode.contact(oscillator._contacts[element].row).kick[:2])
-            turn = stop.sign * float((rows[1] * kick).sum())
+        rows[..., : guard.sum.rows.shape[1]] = guard.sum.rows[2:6].reshape(2, 2, -1)
+        if r > 0.0 and guard.mode == 0:  # the state after determines that before
+            kick = automaton.tables.kick[number, :2, : mode.layout.slots]
+            turn = float((rows[1] * kick).sum())
             for own in (here[now] for now in in_steps(len(here))):
                 bends[own] = np.einsum("ij,kij->k", rows[1], log.states[own])
             bends[here] += (1.0 + r) * rates[here] * turn
