@@ -80,9 +80,16 @@ def stretching(
     count = non_negative_integer("n", n)
     logs, times = np.empty((count, oscillator.dimension)), np.empty(count)
     rows = np.eye(oscillator.dimension) if frame is None else np.array(frame.T, order="C")
-    final = _follow(oscillator, start, rows, logs, times)
+    most = _at_once(oscillator.dimension)
+    for begin in range(0, count, most):
+        now = slice(begin, min(begin + most, count))
+        run = trajectory_of(oscillator, start, now.stop - begin, store=True)
+        if run.impacts < now.stop - begin:
+            raise NoCrossing(f"there is no next impact: {run.ending.value}")
+        logs[now] = _stretched(steps_of(oscillator, run), rows)
+        times[now], start = np.diff(run.time, prepend=0.0), run.final
     errors = np.full(logs.shape, accuracy)
-    return Stretching(logs, errors, times, section_of(oscillator, final), rows.T, final)
+    return Stretching(logs, errors, times, section_of(oscillator, start), rows.T, start)
 
 
 def growth(oscillator: DrivenStructure, run: Trajectory) -> Array:
@@ -155,23 +162,6 @@ def _period_of(run: Trajectory, turn: float) -> int:
         if apart <= _RECURRENCE * np.linalg.norm(final):
             return int(n)
     return 0
-
-
-def _follow(
-    oscillator: DrivenStructure, start: ImpactState, frame: Array, logs: Array, times: Array
-) -> ImpactState:
-    """Simulate n impacts, update frame, logs (n, k) and times in place; return the last state."""
-    d = oscillator.dimension
-    most = _at_once(d)
-    for begin in range(0, len(logs), most):
-        wanted = min(most, len(logs) - begin)
-        run = trajectory_of(oscillator, start, wanted, store=True)
-        if run.impacts < wanted:
-            raise NoCrossing(f"there is no next impact: {run.ending.value}")
-        logs[begin : begin + wanted] = _stretched(steps_of(oscillator, run), frame)
-        times[begin : begin + wanted] = np.diff(run.time, prepend=0.0)
-        start = run.final
-    return start
 
 
 def _at_once(d: int) -> int:

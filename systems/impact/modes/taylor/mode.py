@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from typing import Any, NamedTuple, final
 
 import numpy as np
+from scipy.linalg import block_diag
 
 from dynkit.core.differences import STEP
 from dynkit.core.kept import cached_property
@@ -426,9 +427,7 @@ class TaylorMode:
         turn = sine * c + cosine * s, cosine * c - sine * s
         still = np.concatenate(chart.shifts(0.0, 0.0))
         turned = [np.concatenate(chart.shifts(c, -s)) - still for s, c in ((sine, cosine), turn)]
-        to, back = np.zeros((2, n + p, n + p))
-        for out, parts in ((to, (chart.to_x, chart.to_v)), (back, (chart.back_x, chart.back_v))):
-            out[:p, :p], out[p:, p:] = parts
+        to, back = block_diag(chart.to_x, chart.to_v), block_diag(chart.back_x, chart.back_v)
         whole = np.eye(n + p + 1)
         whole[:-1, :-1] = back @ flow[:, :-1] @ to
         by_phase = flow[:, -1] - flow[:, :-1] @ turned[0] + turned[1]
