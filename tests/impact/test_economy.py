@@ -91,9 +91,12 @@ def test_contact_at_another_frequency_takes_no_modes_anew(
     system: ImpactOscillator, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     def make_ready(oscillator: ImpactOscillator) -> None:
-        for held in map(oscillator._automaton.held, range(len(oscillator._stops))):
-            assert held.to_stuck.any()
-            assert held.to_free.any()
+        automaton = oscillator._automaton
+        for number in [automaton.guard(0, k) for k in range(len(oscillator._stops))]:
+            automaton.enter(number)
+            contact = automaton.guards[number]
+            assert contact.change.any()
+            assert automaton.guards[contact.partner].change.any()
 
     make_ready(system)
     rows: list[int] = []

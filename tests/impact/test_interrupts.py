@@ -24,7 +24,6 @@ from dynkit.exponential.propagators import cells_of_a_call
 from dynkit.exponential.sums import ExponentialSum, RootKind
 from dynkit.systems import DryFriction, HardStop, ImpactChain, ImpactDuffing, SoftStop
 from dynkit.systems.impact.modes import mode
-from dynkit.systems.impact.records import second_moments
 from dynkit.systems.impact.simulation import (
     automaton,
     clock_kernels,
@@ -188,7 +187,6 @@ def test_what_is_computed_of_a_record_is_the_same_in_pieces(masses: int) -> None
     whole = computed()
     with (
         patch.object(mode, "cells_of_a_call", lambda slots: 7),
-        patch.object(second_moments, "_PRODUCTS_OF_A_CALL", 1),
         patch.object(tangents, "_PRODUCTS_OF_A_CALL", 1),
         patch.object(trajectory, "_ROWS", 7),
     ):

@@ -8,6 +8,7 @@ from typing import Any, final
 import numpy as np
 
 from dynkit.core.validation import Array
+from dynkit.exponential.modes import Pairs
 from dynkit.systems.impact.modes.mode import Mode
 
 
@@ -37,15 +38,9 @@ class EigenCoordinates:
     def of(mode: Mode) -> EigenCoordinates:
         """The eigen-coordinates of a mode."""
         layout, pairs = mode.layout, mode.pairs
-        used = layout.modes
-        for slot in (layout.table, layout.constant):
-            used = np.append(used, slot) if slot >= 0 else used
-        if pairs.links.size:
-            rates, to, fro, condition = _linked(_generator(mode), pairs.scale, used)
-            error = np.full(len(rates), condition * abs(rates).max(initial=0.0))
-        else:
-            rates, to, fro, condition = _alone(pairs.generator, used)
-            error = abs(rates)
+        driven = [slot for slot in (layout.table, layout.constant) if slot >= 0]
+        used = np.append(layout.modes, np.array(driven, dtype=np.intp))
+        rates, to, fro, condition, error = (_linked if pairs.links.size else _alone)(mode, used)
         kept = rates.imag >= 0.0
         rates, to, fro, error = rates[kept], to[kept], fro[:, kept], error[kept]
         # A complex coordinate also represents its conjugate.
@@ -58,75 +53,51 @@ class EigenCoordinates:
         return EigenCoordinates(np.append(rates, 0.0), to, back, condition, np.append(error, 0.0))
 
 
-def _alone(generator: Array, used: Any) -> tuple[Any, Any, Any, float]:
-    """Rates (m,) of unlinked pairs, matrices from states and to states, condition number.
+def _alone(mode: Mode, used: Any) -> tuple[Any, Any, Any, float, Array]:
+    """Rates (m,) of unlinked pairs, matrices from and to states, condition number, errors (m,).
 
-    The matrices are (m, 2 slots) and (2 slots, m).
+    The matrices are (m, 2 slots) and (2 slots, m); the errors are those of the rates, in units of
+    2^-52.
     """
-    count = generator.shape[1]
-    a, b, c, d = (entries[used].astype(complex) for entries in generator)
-    diagonal = (b == 0.0) & (c == 0.0)
-    middle, half = 0.5 * (a + d), 0.5 * (a - d)
-    root = np.sqrt(half * half + b * c)
-    first, second = middle + root, middle - root
-    # The smaller of two real rates follows from their product, without cancellation.
-    real = (root.imag == 0.0) & (first != 0.0) & (second != 0.0)
-    swap = real & (abs(first) < abs(second))
-    slow = (a * d - b * c) / np.where(swap, second, np.where(real, first, 1.0))
-    first = np.where(swap, slow, first)
-    second = np.where(real & ~swap, slow, second)
-    first, second = np.where(diagonal, a, first), np.where(diagonal, d, second)
-    apart = first - second
-    with np.errstate(divide="ignore", invalid="ignore"):
-        condition = np.where(diagonal, 1.0, (abs(first) + abs(second)) / abs(apart))
-        condition = np.where(np.isnan(condition), np.inf, condition)
-        apart = np.where(diagonal | (apart == 0.0), 1.0, apart)
-        # Eigenvectors are (b, rate - a); a pair with b = 0 and c other than 0 counts as defective.
-        upper = np.where(diagonal, 1.0, b)
-    n = len(used)
-    to = np.zeros((2, n, 2, count), dtype=complex)
-    fro = np.zeros((2, count, 2, n), dtype=complex)
-    k = np.arange(n)
-    lower = [np.where(diagonal, 0.0, first - a), np.where(diagonal, 1.0, second - a)]
-    fro[0, used, 0, k], fro[0, used, 1, k] = upper, np.where(diagonal, 0.0, upper)
-    fro[1, used, 0, k], fro[1, used, 1, k] = lower
-    determinant = np.where(diagonal, 1.0, -upper * apart)
-    determinant = np.where(determinant == 0.0, 1.0, determinant)
-    to[0, k, 0, used], to[0, k, 1, used] = lower[1] / determinant, -fro[0, used, 1, k] / determinant
-    to[1, k, 0, used], to[1, k, 1, used] = -lower[0] / determinant, upper / determinant
-    worst = float(condition.max(initial=1.0))
-    if (~diagonal & (b == 0.0)).any():
-        worst = np.inf
-    rates = np.concatenate([first, second])
-    return rates, to.reshape(2 * n, 2 * count), fro.reshape(2 * count, 2 * n), worst
+    pairs, size = mode.pairs, len(used)
+    unit = np.stack([np.ones(size), _units(pairs)[used]], axis=1)
+    blocks = pairs.generator[:, used].T.reshape(-1, 2, 2)
+    rates, vectors, inverse, condition = _eigen(blocks * unit[..., None] / unit[:, None])
+    to = np.zeros((size, 2, 2, pairs.count), dtype=complex)
+    fro = np.zeros((2, pairs.count, size, 2), dtype=complex)
+    each = np.arange(size)
+    to[each, ..., used] = inverse * unit[:, None]
+    fro[:, used, each] = (vectors / unit[..., None]).swapaxes(0, 1)
+    m, rates = 2 * size, rates.ravel()
+    return rates, to.reshape(m, -1), fro.reshape(-1, m), condition, abs(rates)
 
 
-def _linked(generator: Array, scale: Array, used: Any) -> tuple[Any, Any, Any, float]:
+def _linked(mode: Mode, used: Any) -> tuple[Any, Any, Any, float, Array]:
     """As `_alone`, for pairs with links."""
-    count = len(scale)
-    unit = np.concatenate([np.ones(count), np.where(scale > 0.0, scale, 1.0)])
-    place = np.concatenate([used, used + count])
+    count, size = mode.pairs.count, 2 * mode.pairs.count
+    unit = np.append(np.ones(count), _units(mode.pairs))
+    generator = mode.rate(np.eye(size).reshape(size, 2, count)).reshape(size, size).T
+    place = np.append(used, used + count)
     scaled = (generator * unit[:, None] / unit)[np.ix_(place, place)]
-    rates, vectors = np.linalg.eig(scaled)
-    condition = float(np.linalg.cond(vectors))
-    if not condition < 1.0 / np.finfo(float).eps:
-        return rates, np.zeros((len(rates), 2 * count)), np.zeros((2 * count, len(rates))), np.inf
-    to = np.zeros((len(rates), 2 * count), dtype=complex)
-    fro = np.zeros((2 * count, len(rates)), dtype=complex)
-    to[:, place] = np.linalg.inv(vectors) * unit[place]
-    fro[place] = vectors / unit[place, None]
-    return rates, to, fro, condition
+    rates, vectors, inverse, condition = _eigen(scaled)
+    to = np.zeros((len(rates), size), dtype=complex)
+    fro = np.zeros((size, len(rates)), dtype=complex)
+    to[:, place], fro[place] = inverse * unit[place], vectors / unit[place, None]
+    return rates, to, fro, condition, np.full(len(rates), condition * abs(rates).max(initial=0.0))
 
 
-def _generator(mode: Mode) -> Array:
-    """State matrix (2 slots, 2 slots) of the flat states."""
-    pairs = mode.pairs
-    count = pairs.count
-    out = np.zeros((2, count, 2, count))
-    k = np.arange(count)
-    target, source = pairs.links
-    for i in range(2):
-        for j in range(2):
-            out[i, k, j, k] = pairs.generator[2 * i + j]
-            np.add.at(out, (i, target, j, source), pairs.coupling[2 * i + j])
-    return out.reshape(2 * count, 2 * count)
+def _units(pairs: Pairs) -> Array:
+    """Units of second numbers in which a pair of constant energy rotates uniformly."""
+    return np.where(pairs.scale > 0.0, pairs.scale, 1.0)
+
+
+def _eigen(matrices: Array) -> tuple[Any, Any, Any, float]:
+    """Eigenvalues (..., n), eigenvectors (..., n, n), their inverse, largest condition number.
+
+    The inverse is zero, and the condition number infinite, for a defective matrix.
+    """
+    rates, vectors = np.linalg.eig(matrices)
+    condition = float(np.linalg.cond(vectors).max(initial=1.0))
+    if not condition < 2.0**52:
+        return rates, vectors, 0.0 * vectors, np.inf
+    return rates, vectors, np.linalg.inv(vectors), condition

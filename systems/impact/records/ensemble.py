@@ -16,7 +16,13 @@ from dynkit.dynamics.map import Arrivals
 from dynkit.exponential.propagators import cells_of_a_call, workspace
 from dynkit.systems.impact.elements.element import EventKind
 from dynkit.systems.impact.records.record import ImpactRecord
-from dynkit.systems.impact.simulation.runs import MOST_CELLS, band_factor, fill_codes
+from dynkit.systems.impact.simulation.runs import (
+    MOST_CELLS,
+    band_factor,
+    fill_codes,
+    log_of_impacts,
+    log_of_switches,
+)
 from dynkit.systems.impact.simulation.trajectory import Impacts
 
 if TYPE_CHECKING:
@@ -77,9 +83,9 @@ class Ensemble:
             turns[able],
             np.full(len(able), -1),
             np.zeros((len(able), 4), np.intp),
-            self._log(len(able)),
+            log_of_impacts(len(able), free.layout),
         )
-        noted = self._log(max(STRIDE, int(orbits.period.max(initial=0))))
+        noted = log_of_impacts(max(STRIDE, int(orbits.period.max(initial=0))), free.layout)
         buffers = self._buffers(noted, slots)
         contact = system._automaton.table[: len(tables.event), 3] == EventKind.CONTACT
         limits = band_factor(free.layout.slots), MOST_CELLS, cells_of_a_call(slots)
@@ -102,30 +108,15 @@ class Ensemble:
         counts = dict(zip(names, members.counts.sum(axis=0).tolist(), strict=True))
         return numbers, found, Cost(0.0, counts)
 
-    def _log(self, rows: int) -> Any:
-        """An empty log of impacts."""
-        from dynkit.systems.impact.simulation.log_kernels import Impacts as Log
-
-        (time, speed), shape = np.zeros((2, rows)), (rows, 2, self.system._free.layout.slots)
-        return Log(time, speed, np.zeros(rows, np.intp), np.zeros(shape), np.zeros((0, 2)))
-
     def _buffers(self, impacts: Any, slots: int) -> Any:
         """Buffers of a run, among them the given log of impacts."""
         from dynkit.systems.impact.simulation.clock_kernels import BEGIN, CLOCK
-        from dynkit.systems.impact.simulation.log_kernels import Switches
         from dynkit.systems.impact.simulation.loop_kernels import WAITING
 
-        time, rest, speed = np.zeros((3, _SWITCHES))
-        before, guard = np.zeros((2, _SWITCHES), np.intp)
-        return (
-            np.zeros(CLOCK),
-            np.zeros((len(self.system._elements), BEGIN)),
-            impacts,
-            Switches(time, rest, speed, before, guard, np.zeros((_SWITCHES, 2, slots))),
-            workspace(slots),
-            np.zeros(WAITING, dtype=np.int64),
-            np.zeros(3),
-        )
+        left = np.zeros((len(self.system._elements), BEGIN))
+        logs = impacts, log_of_switches(_SWITCHES, slots)
+        waiting = np.zeros(WAITING, dtype=np.int64), np.zeros(3)
+        return np.zeros(CLOCK), left, *logs, workspace(slots), *waiting
 
     def _orbits(self, near: float) -> Any:
         """The impacts of one period of each orbit, packed for the kernel."""

@@ -5,6 +5,7 @@ from __future__ import annotations
 import time
 from collections.abc import Iterator
 from dataclasses import dataclass
+from itertools import pairwise
 from typing import TYPE_CHECKING, Any, ClassVar, final
 
 import numpy as np
@@ -41,8 +42,8 @@ _LOST = 1e-10
 _NODES, _REACH = 16, 8.0
 # Error of averages over the steps of Taylor's method, in units of 2^-52 of the largest average.
 _OF_STEPS = 256.0
-# Number of products of two coordinates in one call of the kernel: about ten milliseconds.
-_PRODUCTS_OF_A_CALL = 1 << 20
+# Number of intervals that are summed up first, to reduce the rounding errors of long sums.
+_BLOCK = 64
 
 _CHUNK, MOST_NODES = 1 << 16, 1 << 25
 
@@ -175,76 +176,54 @@ def intervals(run: Trajectory) -> Iterator[Intervals]:
 
 def _closed_form(part: Intervals, edges: NDArray[np.intp]) -> tuple[Array, Array]:
     """Moments (b, N + 1, N + 1) of positions and one, and a bound of the errors of their sum."""
-    from dynkit.systems.impact.records import moment_kernels
-
     size = part.mode.bodies + 1
     out = np.zeros((len(edges) - 1, size, size))
-    if isinstance(part.mode, TaylorMode):
+    eigen = None if isinstance(part.mode, TaylorMode) else EigenCoordinates.of(part.mode)
+    if eigen is None or not np.isfinite(eigen.condition):
         return out, np.full(out.shape[1:], np.inf)
-    eigen = EigenCoordinates.of(part.mode)
-    if not np.isfinite(eigen.condition):
-        return out, np.full(out.shape[1:], np.inf)
-    rates, back = eigen.rates, eigen.back
+    rates, back, m = eigen.rates, eigen.back, len(eigen.rates)
     mean = float(part.durations.mean()) if len(part.durations) else 1.0
-    turning = [rates[:, None] + rates, rates[:, None] + rates.conj()]
-    slow = [abs(mu) * mean < _SLOW for mu in turning]
-    divisor = [np.where(s, 1.0, mu) for s, mu in zip(slow, turning, strict=True)]
-    listed = np.array(
-        [(a, b, kind) for kind in range(2) for a, b in np.argwhere(slow[kind]).tolist()],
-        dtype=np.intp,
-    ).reshape(-1, 3)
-    forward = np.concatenate([eigen.forward.real, eigen.forward.imag])
-    parts = np.stack([rates.real, rates.imag])
-    real_back = np.concatenate([back.real, -back.imag], axis=1)
-    m = len(rates)
+    # integrals of c c^T, and of c times the conjugate of c
+    turning = np.stack([rates[:, None] + rates, rates[:, None] + rates.conj()])
+    slow = abs(turning) * mean < _SLOW
+    divisor = np.where(slow, 1.0, turning)
+    conjugate, first, second = np.nonzero(slow)
+    forward = eigen.forward.T
+    flat = part.starts.reshape(len(part.starts), len(forward))
     norms = np.zeros((4, m))
-    places = np.searchsorted(part.impact, edges)
-    flat = part.starts.reshape(len(part.starts), 2 * part.mode.layout.slots)
-    work, block = np.empty((4, m)), np.empty((2 * m, 2 * m))
-    # Steps are whole blocks, so that the order of sums does not depend on their size.
-    step = moment_kernels.BLOCK * max(_PRODUCTS_OF_A_CALL // (moment_kernels.BLOCK * m * m), 1)
-    for batch, now in enumerate(map(slice, places[:-1], places[1:])):
-        gram, grown = np.zeros((2 * m, 2 * m)), np.zeros((2, len(listed)))
-        for begin in range(now.start, now.stop, step):
-            some = slice(begin, min(begin + step, now.stop))
-            moment_kernels.sum_products(
-                flat[some],
-                part.durations[some],
-                forward,
-                parts,
-                eigen.fastest,
-                listed,
-                work,
-                block,
-                gram,
-                norms,
-                grown,
-            )
-        gram = np.triu(gram) + np.triu(gram, 1).T
-        own, mixed, imaginary = gram[:m, :m], gram[:m, m:], gram[m:, m:]
-        # sums of c c^T and of c c^*, at the ends minus at the starts
-        changes = (
-            own - imaginary + 1j * (mixed + mixed.T),
-            own + imaginary + 1j * (mixed.T - mixed),
-        )
-        plain, crossed = (change / d for change, d in zip(changes, divisor, strict=True))
-        for kind, integral in enumerate((plain, crossed)):
-            these = listed[:, 2] == kind
-            integral[listed[these, 0], listed[these, 1]] = grown[0, these] + 1j * grown[1, these]
-        # integrals of products of real and imaginary parts
-        mixed = 0.5 * (plain.imag - crossed.imag)
-        gram[:m, :m], gram[:m, m:] = 0.5 * (crossed.real + plain.real), mixed
-        gram[m:, :m], gram[m:, m:] = mixed.T, 0.5 * (crossed.real - plain.real)
-        out[batch] = real_back @ gram @ real_back.T
+    places = np.searchsorted(part.impact, edges).tolist()
+    for batch, (begin, stop) in enumerate(pairwise(places)):
+        change, grown = np.zeros((2, m, m), dtype=complex), np.zeros(len(first), dtype=complex)
+        for low in range(begin, stop, _BLOCK):
+            now = slice(low, min(low + _BLOCK, stop))
+            t = part.durations[now, None]
+            start = np.ones((len(t), m), dtype=complex)
+            start[:, :-1] = flat[now] @ forward
+            end = start * np.exp(rates * t)
+            pairs = np.stack([start, start.conj()])
+            change += end.T @ np.stack([end, end.conj()]) - start.T @ pairs
+            other = pairs[conjugate, :, second].T
+            grown += (start[:, first] * other * _grown(turning[slow], t)).sum(axis=0)
+            begins, ends = abs(start) ** 2, abs(end) ** 2
+            sums = begins, ends, ends * (t * eigen.fastest) ** 2, begins * t
+            norms += np.stack(sums).sum(axis=1)
+        integrals = change / divisor
+        integrals[slow] = grown
+        plain, crossed = integrals
+        whole = back @ plain @ back.T + back @ crossed @ back.conj().T
+        out[batch] = 0.5 * whole.real
     begins, ends, turned, over_time = np.sqrt(norms)
-    size = _EPS * (8 + len(rates)) * eigen.condition
+    size = _EPS * (8 + m) * eigen.condition
     ends_error = size * (np.outer(begins, begins) + np.outer(ends, ends))
     ends_error += 4.0 * _EPS * (np.outer(turned, ends) + np.outer(ends, turned))
-    lost = np.zeros(out.shape[1:])
-    for s, d in zip(slow, divisor, strict=True):
-        entry = np.where(s, 2.0 * size * np.outer(over_time, over_time), ends_error / abs(d))
-        lost += 0.5 * abs(back) @ entry @ abs(back).T
-    return out, lost
+    error = np.where(slow, 2.0 * size * np.outer(over_time, over_time), ends_error / abs(divisor))
+    return out, 0.5 * abs(back) @ error.sum(axis=0) @ abs(back).T
+
+
+def _grown(rates: Any, t: Array) -> Any:
+    """Integrals (k, p) of exp(rate s) over [0, t], for rates (p,) and durations (k, 1)."""
+    still = rates == 0.0
+    return np.where(still, t, np.expm1(rates * t) / np.where(still, 1.0, rates))
 
 
 def quadrature(part: Intervals) -> Iterator[tuple[NDArray[np.intp], Array, Array]]:

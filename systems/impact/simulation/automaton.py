@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from functools import partial
-from typing import Any, NamedTuple, final
+from typing import Any, final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -33,7 +33,7 @@ from dynkit.systems.impact.modes.constrained import (
     mode_of,
     sum_of,
 )
-from dynkit.systems.impact.modes.mode import Mode, transformed
+from dynkit.systems.impact.modes.mode import transformed
 from dynkit.systems.impact.modes.structure import ROUNDING, Excitation, Structure
 from dynkit.systems.impact.simulation.joined_modes import Guard, JoinedModes, cycled_by
 from dynkit.systems.impact.simulation.regimes import Parts
@@ -41,20 +41,6 @@ from dynkit.systems.impact.simulation.scraping import packed, scrapes_of, stoppi
 
 MOST_NUMBERS = 1 << 25
 """Largest total size of the changes of basis between modes, in doubles: 256 MB."""
-
-
-class Grip(NamedTuple):
-    """Contact with one stop.
-
-    Attributes
-    ----------
-    mode : Mode
-    to_stuck, to_free : changes of basis from free flight (the gap's rate becomes zero), and back
-    """
-
-    mode: Mode
-    to_stuck: Array
-    to_free: Array
 
 
 @final
@@ -105,7 +91,6 @@ class Automaton(JoinedModes):
         self._first: Any = None
         self.table: NDArray[np.intp] = np.empty((0, 4), dtype=np.intp)
         self.start: Any = None
-        self._grips: dict[int, Grip] = {}
 
     def _unstack(self) -> None:
         """Remove the arrays of which the tables are parts."""
@@ -139,19 +124,6 @@ class Automaton(JoinedModes):
         out._tables = first[1]._replace(ladders=ladders, clock_rate=rate)
         out._first = first[0], out._tables
         return out
-
-    def gap(self, regimes: tuple[int, ...], element: int) -> Any:
-        """The exponential sum of the first guard of an element in a mode."""
-        return self.guards[self.guard(self._number(regimes), element)].sum
-
-    def held(self, element: int) -> Grip:
-        """Contact with one stop while all other elements are in their first regime."""
-        if element not in self._grips:
-            regimes = self.parts.settled([int(k == element) for k in range(len(self._elements))])
-            mode, free = self.mode(regimes), self.modes[0]
-            there = mode.seen_from(free, self._elements[element])
-            self._grips[element] = Grip(mode, there, free.seen_from(mode))
-        return self._grips[element]
 
     def freed(self, number: int, state: Array) -> tuple[Array, list[int]]:
         """A state (2, slots) of a mode in the basis of the first mode; `Parts.holding` elements."""

@@ -17,6 +17,7 @@ from dynkit.systems.impact.modes.constrained import ContactParadox
 from dynkit.systems.impact.modes.mode import transformed
 from dynkit.systems.impact.simulation.guard_sums import displaced, value_and_rate
 from dynkit.systems.impact.simulation.state import (
+    MOTIONS,
     TOUCHED,
     TWO_PI,
     ImpactState,
@@ -27,6 +28,7 @@ from dynkit.systems.impact.simulation.state import (
 from dynkit.systems.impact.simulation.trajectory import Ending, Impacts, Switches, Trajectory
 
 if TYPE_CHECKING:
+    from dynkit.systems.impact.modes.steady_response import Layout
     from dynkit.systems.impact.simulation.driven_structure import DrivenStructure
     from dynkit.systems.impact.simulation.taylor.runs import TaylorCourse
 
@@ -47,7 +49,6 @@ its change in the smallest step. Rounding errors are smaller."""
 _FEW = 32
 """Initial capacity of the log of switches."""
 
-_MOTIONS = (Motion.FLIGHT, Motion.TABLE, Motion.RELEASE, Motion.TABLE)
 _ENDINGS = tuple(Ending)
 
 
@@ -119,6 +120,19 @@ def course_from(
 
         return TaylorCourse(oscillator, start, noise=noise, seed=seed)
     return Course(oscillator, start, noise=noise, seed=seed, most_cells=most_cells, longest=longest)
+
+
+def log_of_impacts(rows: int, layout: Layout) -> Any:
+    """A log of impacts for the kernels; its contents are undefined."""
+    turns = np.empty((rows if layout.table < 0 else 0, 2))
+    guard, states = np.empty(rows, dtype=np.intp), np.empty((rows, 2, layout.slots))
+    return _kernels()[2].Impacts(np.empty(rows), np.empty(rows), guard, states, turns)
+
+
+def log_of_switches(rows: int, slots: int) -> Any:
+    """A log of switches for the kernels; only its states are defined, as zero."""
+    numbers, states = np.empty((2, rows), dtype=np.intp), np.zeros((rows, 2, slots))
+    return _kernels()[2].Switches(*np.empty((3, rows)), *numbers, states)
 
 
 _LENT: list[tuple[Any, ...]] = []
@@ -212,7 +226,7 @@ class Course:
         clock[clock_kernels.LONGEST] = longest
         self._left = np.zeros((len(oscillator._elements), clock_kernels.BEGIN))
         order = 3 if start.motion is Motion.RELEASE else 0
-        self._left[start.element, :3] = _MOTIONS.index(start.motion), order, start.speed
+        self._left[start.element, :3] = MOTIONS.index(start.motion), order, start.speed
         self._shifts: Array | None = None
         if noise > 0.0:
             random, n = np.random.default_rng(seed), oscillator._size
@@ -367,14 +381,10 @@ class Course:
 
     def _enlarge(self, slots: int) -> None:
         """Enlarge the log of switches."""
-        clock_kernels, _, log_kernels = _kernels()
-        old, rows = self._switches, _FEW + 2 * len(self._left)
+        clock_kernels, old, rows = _kernels()[0], self._switches, _FEW + 2 * len(self._left)
         if old is not None:
             rows = max(rows, 2 * int(self._clock[clock_kernels.SWITCHES]))
-        before, guard = np.empty((2, rows), dtype=np.intp)
-        states = np.zeros((rows, 2, slots))
-        times = np.empty((3, rows))
-        self._switches = log_kernels.Switches(*times, before, guard, states)
+        self._switches = log_of_switches(rows, slots)
         for few, more in zip(old or (), self._switches, strict=False):
             more[tuple(map(slice, few.shape))] = few
 
@@ -417,16 +427,9 @@ class Course:
         It ends before contact with the stop `lands` if no motion has entered the mode of this
         contact; then `waits` is true.
         """
-        _, kernels, log_kernels = _kernels()
-        free, rows = self._oscillator._free, count if store else 0
+        kernels, free, rows = _kernels()[1], self._oscillator._free, count if store else 0
         slots = free.layout.slots
-        log: Any = log_kernels.Impacts(
-            np.empty(rows),
-            np.empty(rows),
-            np.empty(rows, dtype=np.intp),
-            np.empty((rows, 2, slots)),
-            np.empty((rows if free.layout.table < 0 else 0, 2)),
-        )
+        log: Any = log_of_impacts(rows, free.layout)
         done, ending, paradox = 0, kernels.RUN_PAUSED, False
         gap = self._oscillator._automaton.guards[0].sum
         given = self._oscillator._automaton.beside, self._noise, band_factor(slots)
@@ -477,7 +480,7 @@ class Course:
         state, automaton = self._work.states[kernels.START], oscillator._automaton
         mode, element, _, _ = automaton.table[int(clock[clock_kernels.GUARD])].tolist()
         kind, _, speed = self._left[element, :3].tolist()
-        motion = _MOTIONS[int(kind)]
+        motion = MOTIONS[int(kind)]
         closed: list[int] = []
         switched = element if element >= len(oscillator._stops) else -1
         if mode:

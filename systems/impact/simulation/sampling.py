@@ -52,7 +52,7 @@ def _bouncing(
     """Velocity changes (m, N) per unit change of the gap's rate, in bounces at positions (m, N)."""
     automaton, elements = oscillator._automaton, oscillator._elements
     mode, stop = automaton.modes[guard.mode], elements[guard.element]
-    if isinstance(mode, TaylorMode) and not mode.constant_kicks:
+    if isinstance(mode, TaylorMode):
         # sine and cosine where the bounces were completed
         turns = run.segments.states[some, :, mode.layout.slots - 1]
         phases = np.arctan2(turns[:, 0], turns[:, 1]).tolist()
@@ -124,7 +124,7 @@ def longest_sample(oscillator: DrivenStructure, run: Trajectory) -> float:
     ladders = list(oscillator._gaps)
     for number in np.unique(run.segments.mode).tolist():
         (guards,) = np.nonzero(run.guards[:, 0] == number)
-        ladders += [run.gap(k)[0] for k in guards.tolist()]
+        ladders += [oscillator._automaton.guards[k].sum for k in guards.tolist()]
     return float(min(2.0 ** (23 + len(part.cell)) * part.smallest for part in ladders))
 
 

@@ -38,6 +38,10 @@ class Motion(Enum):
     RELEASE = "just released by the table"
 
 
+MOTIONS = (Motion.FLIGHT, Motion.TABLE, Motion.RELEASE, Motion.TABLE)
+"""The phases of the motion at the first four values of `clock_kernels.MOTION`."""
+
+
 @final
 @dataclass(frozen=True, eq=False)
 class ImpactState:

@@ -404,12 +404,6 @@ class Trajectory:
         held: list[int] = automaton.parts.holding(self.regimes[self.guards[guard, 0]])
         return held
 
-    def gap(self, number: int) -> tuple[Any, Mode]:
-        """The exponential sum of guard `number`, and its mode."""
-        own, element = self.guards[number, :2].tolist()
-        automaton = self.start._system._automaton
-        return automaton.gap(self.regimes[own], element), automaton.mode(self.regimes[own])
-
     def modes(self, numbers: Indices) -> Iterator[tuple[Mode, Any]]:
         """The modes of some segments, each with a mask of the segments in it."""
         automaton = self.start._system._automaton
@@ -440,11 +434,6 @@ class Trajectory:
     def _held(self) -> Any:
         """Mask of the switches to contact."""
         return self.guards[self.switches.guard, 3] == EventKind.CONTACT
-
-    @property
-    def contact_sides(self) -> Indices:
-        """Number of the stop of each contact."""
-        return np.asarray(self.guards[self.switches.guard[self._held], 1])
 
     @property
     def durations(self) -> tuple[Array, Array]:

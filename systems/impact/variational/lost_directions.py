@@ -101,10 +101,7 @@ def _sums(guard: Guard, y: Array) -> _Rates:
 
 def _rates(automaton: Any, guard: Guard, y: Array) -> _Rates:
     """As `_sums`, for a structure whose energies are not quadratic."""
-    mode, (sine, cosine) = automaton.modes[guard.mode], y[:, -1].tolist()
-    x, v = mode.motion(y)
-    rubs = automaton.scrapes(guard, x, float(np.arctan2(sine, cosine)))
-    rate, *slips = (
-        float(mode.gap(k, x, v, sine, cosine)[1]) for k in (guard.element, *(k for k, _ in rubs))
-    )
-    return rate, [(ratio, slip) for (_, ratio), slip in zip(rubs, slips, strict=True)]
+    mode = automaton.modes[guard.mode]
+    rubs = automaton.scrapes(guard, mode.motion(y)[0], float(np.arctan2(*y[:, -1])))
+    slips = [(ratio, mode.gap_at(k, y)[1]) for k, ratio in rubs]
+    return mode.gap_at(guard.element, y)[1], slips

@@ -19,7 +19,7 @@ from dynkit.systems.impact.modes.mode import Mode
 from dynkit.systems.impact.simulation.state import ImpactState
 from dynkit.systems.impact.simulation.trajectory import grouped
 from dynkit.systems.impact.variational.order import check_order
-from dynkit.systems.impact.variational.saltation import along, comes_by_itself, reset, scraped
+from dynkit.systems.impact.variational.saltation import along, comes_by_itself, struck
 from dynkit.systems.impact.variational.taylor_derivative import followed, hit, rubbed, rubs_on
 
 _ORDERS = 16
@@ -176,13 +176,7 @@ class _Way:
             row, states = along(guard.sum, 2), y.reshape(len(y), -1)
             law = row @ derivative
             slope = _slopes(stop, states @ row, self.run.log.speed[points])
-            mode = self.modes[guard.mode]
-            kick = mode.placed(stop.sign * mode.contact(stop.row(oscillator._size)).kick[:2])
-            change = reset(slope[:, None, None], kick.ravel(), law)
-            for i in range(len(points)) if guard.scrapes else ():
-                own = float(slope[i]), guard.sum, y[i], derivative[i]
-                change[i] += sum(scraped(part, *own) for part in guard.scrapes)
-            derivative = derivative + change
+            derivative = derivative + struck(oscillator, guard, slope, y, derivative)
             law = -slope[:, None] * law
         return self._seen_from(0, guard.mode, derivative), law, time
 
@@ -271,8 +265,7 @@ def _by_variations(oscillator: DrivenStructure, state: ImpactState, run: Traject
         return np.vstack([out[positions], out[n + velocities], out[2 * n : -1]])
     guard = oscillator._automaton.guards[int(run.log.guard[-1])]
     mode = oscillator._automaton.modes[guard.mode]
-    stop, (sine, cosine) = oscillator._stops[side], end[:, -1].tolist()
-    rate, speed = float(mode.gap(side, *end[:, :n], sine, cosine)[1]), float(run.log.speed[-1])
+    stop, speed, rate = oscillator._stops[side], float(run.log.speed[-1]), mode.gap_at(side, end)[1]
     slope = float(_slopes(stop, np.array([rate]), np.array([speed]))[0])
     if isinstance(stop.restitution, float):
         r, rate = slope, -speed / slope if slope else rate

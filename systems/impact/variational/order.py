@@ -18,7 +18,7 @@ from dynkit.systems.impact.elements.element import IMPACT, EventKind
 from dynkit.systems.impact.elements.laws import rebound
 from dynkit.systems.impact.simulation.runs import trajectory_of
 from dynkit.systems.impact.simulation.state import TWO_PI
-from dynkit.systems.impact.variational.saltation import along, falls, reset, scraped, slowed
+from dynkit.systems.impact.variational.saltation import along, falls, slowed, struck
 from dynkit.systems.impact.variational.taylor_derivative import hit, rubbed
 
 _NEAR = 2.0**-40
@@ -202,15 +202,14 @@ class _Linear(_Orders):
 
     def _struck(self, guard: Any, y: Array, disturbances: Array) -> tuple[Array, Array]:
         oscillator, mode = self.oscillator, self.modes[guard.mode]
-        stop, row = oscillator._stops[guard.element], along(guard.sum, 2)
-        rate = float(row @ y.ravel())
+        stop = oscillator._stops[guard.element]
+        rate = float(along(guard.sum, 2) @ y.ravel())
         r, slope = (float(np.ravel(a)[0]) for a in rebound(stop.restitution, np.array([rate])))
         kick = mode.placed(stop.sign * mode.contact(stop.row(oscillator._size)).kick[:2])
-        moved, after = -(1.0 + r) * rate * kick, reset(slope, kick.ravel(), row @ disturbances)
-        for part in guard.scrapes:
-            after = after + scraped(part, slope, guard.sum, y, disturbances)
-            moved = moved - slowed(part, (1.0 + r) * rate, y)
-        return y + moved, disturbances + after
+        moved = -(1.0 + r) * rate * kick
+        moved -= sum(slowed(part, (1.0 + r) * rate, y) for part in guard.scrapes)
+        given = np.array([slope]), y[None], disturbances[None]
+        return y + moved, disturbances + struck(oscillator, guard, *given)[0]
 
     def _changed(self, guard: Any, y: Array, disturbances: Array) -> tuple[Array, Array]:
         change = guard.change
@@ -249,7 +248,7 @@ class _Curved(_Orders):
 
     def _struck(self, guard: Any, y: Array, disturbances: Array) -> tuple[Array, Array]:
         mode, k = self.modes[guard.mode], guard.element
-        rate = float(self._gap(mode, k, y)[1])
+        rate = mode.gap_at(k, y)[1]
         law = self.oscillator._stops[k].restitution
         r, slope = (float(np.ravel(a)[0]) for a in rebound(law, np.array([rate])))
         rubs = rubbed(self.oscillator, guard, y, disturbances, slope, r, rate)
@@ -257,20 +256,16 @@ class _Curved(_Orders):
         x, phase = mode.motion(y)[0], float(np.arctan2(*y[:, -1]))
         moved = self._moved(mode, k, y, -(1.0 + r) * rate)
         for j, ratio in self.automaton.scrapes(guard, x, phase):
-            w, most = float(self._gap(mode, j, y)[1]), -(1.0 + r) * ratio * rate
+            w, most = mode.gap_at(j, y)[1], -(1.0 + r) * ratio * rate
             moved = moved + self._moved(mode, j, y, -float(np.clip(w, -most, most)))
         return y + moved, after
 
     def _changed(self, guard: Any, y: Array, disturbances: Array) -> tuple[Array, Array]:
         mode, k = self.modes[guard.mode], guard.element
         if guard.watch.event == IMPACT or mode.scene.elements[k].regimes[guard.watch.to].sticks:
-            moved = self._moved(mode, k, y, -float(self._gap(mode, k, y)[1]))
+            moved = self._moved(mode, k, y, -mode.gap_at(k, y)[1])
             return y + moved, hit(mode, k, y, disturbances, 0.0, 0.0)[0]
         return y, disturbances
-
-    def _gap(self, mode: Any, k: int, y: Array) -> Any:
-        """An element's gap and its rate."""
-        return mode.gap(k, *mode.motion(y), *y[:, -1].tolist())
 
     def _moved(self, mode: Any, k: int, y: Array, jump: float) -> Array:
         """Change of the state by an impulse that changes the rate of an element's gap."""

@@ -63,6 +63,22 @@ def reset(slope: float | Array, kick: Array, by_rate: Array) -> Array:
     return np.asarray(-(1.0 + slope) * (kick[:, None] * by_rate[..., None, :]))
 
 
+def struck(
+    oscillator: DrivenStructure, guard: Any, slope: Array, y: Array, derivative: Array
+) -> Array:
+    """Change of derivatives (m, 2 slots, d) by impacts at states (m, 2, slots) of one guard.
+
+    The slopes are (m,). Friction at the impacts is included.
+    """
+    stop, mode = oscillator._stops[guard.element], oscillator._automaton.modes[guard.mode]
+    kick = mode.placed(stop.sign * mode.contact(stop.row(oscillator._size)).kick[:2])
+    change = reset(slope[:, None, None], kick.ravel(), along(guard.sum, 2) @ derivative)
+    for i in range(len(y)) if guard.scrapes else ():
+        own = float(slope[i]), guard.sum, y[i], derivative[i]
+        change[i] += sum(scraped(part, *own) for part in guard.scrapes)
+    return change
+
+
 def slowed(part: Any, jump: float, y: Array) -> Array:
     """Change that friction at an impact subtracts from a state (2, slots).
 
@@ -102,38 +118,34 @@ def saltation(slope: float | Array, rates: Array, bends: Array) -> Array:
     return found
 
 
-def release(oscillator: DrivenStructure, element: int) -> Array:
+def release(oscillator: DrivenStructure, guard: Any) -> Array:
     """Derivative (2N, 2 stuck modes) of the free state by the stuck state at a release.
 
     The contact force is zero at the release. Therefore the rate of the state does not jump, and a
     change of the time of release has no effect.
     """
-    contact = oscillator._automaton.held(element)
-    modes, slots = contact.mode.layout.modes, contact.mode.layout.slots
-    rows = contact.to_free[:, :-1].reshape(2, -1, 2, slots)[:, oscillator._free.layout.modes]
-    return np.asarray(rows[..., modes].reshape(oscillator.dimension, 2 * len(modes)))
+    layout, free = oscillator._automaton.modes[guard.mode].layout, oscillator._free.layout
+    rows = guard.change[:, :-1].reshape(2, -1, 2, layout.slots)[:, free.modes][..., layout.modes]
+    return np.asarray(rows.reshape(oscillator.dimension, 2 * len(layout.modes)))
 
 
-def closing(oscillator: DrivenStructure, element: int, states: Array, speeds: Array) -> Array:
+def closing(oscillator: DrivenStructure, guard: Any, states: Array, speeds: Array) -> Array:
     """Derivatives (k, 2 stuck modes, 2N) of stuck states by the free states (k, 2, slots) before.
 
     Contact begins at an impact, in place of the omitted bounces. A disturbance g of the gap just
     after this impact means that the impact is later by -g / u. This delay has an effect, since the
     rate of the state jumps as contact begins.
     """
-    contact, gap = oscillator._automaton.held(element), oscillator._gaps[element]
-    modes, slots = contact.mode.layout.modes, contact.mode.layout.slots
-    free_modes, n = oscillator._free.layout.modes, oscillator.degrees_of_freedom
-    down = contact.to_stuck[:, :-1].reshape(2, slots, 2, -1)[:, modes][..., free_modes]
+    stuck, matrix = oscillator._automaton.modes[guard.target], guard.change[:, :-1]
+    modes, slots, n = stuck.layout.modes, stuck.layout.slots, oscillator.degrees_of_freedom
+    free_modes = oscillator._free.layout.modes
+    down = matrix.reshape(2, slots, 2, -1)[:, modes][..., free_modes]
     rates = oscillator._free.rate(states).reshape(len(states), -1)
-    stuck = contact.mode.rate(transformed(contact.to_stuck, states))
-    change = (rates @ contact.to_stuck[:, :-1].T).reshape(-1, 2, slots) - stuck
+    change = (rates @ matrix.T).reshape(-1, 2, slots)
+    change -= stuck.rate(transformed(guard.change, states))
     change = change[..., modes].reshape(len(states), 2 * len(modes))
-    place = np.zeros((2, oscillator._free.layout.slots))
-    place[:, : gap.rows.shape[1]] = gap.rows[:2]
     bounces: Any = speeds > 0.0
     by_gap = np.zeros_like(change)
     by_gap[bounces] = -change[bounces] / speeds[bounces, None]
-    return np.asarray(
-        down.reshape(-1, 2 * n) + by_gap[:, :, None] * place[:, free_modes].reshape(2 * n)
-    )
+    place = along(guard.sum, 0).reshape(2, -1)[:, free_modes].reshape(2 * n)
+    return np.asarray(down.reshape(-1, 2 * n) + by_gap[:, :, None] * place)

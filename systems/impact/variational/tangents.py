@@ -80,9 +80,16 @@ def stretching(
     count = non_negative_integer("n", n)
     logs, times = np.empty((count, oscillator.dimension)), np.empty(count)
     rows = np.eye(oscillator.dimension) if frame is None else np.array(frame.T, order="C")
-    final = _follow(oscillator, start, rows, logs, times)
+    most = _at_once(oscillator.dimension)
+    for begin in range(0, count, most):
+        now = slice(begin, min(begin + most, count))
+        run = trajectory_of(oscillator, start, now.stop - begin, store=True)
+        if run.impacts < now.stop - begin:
+            raise NoCrossing(f"there is no next impact: {run.ending.value}")
+        logs[now] = _stretched(steps_of(oscillator, run), rows)
+        times[now], start = np.diff(run.time, prepend=0.0), run.final
     errors = np.full(logs.shape, accuracy)
-    return Stretching(logs, errors, times, section_of(oscillator, final), rows.T, final)
+    return Stretching(logs, errors, times, section_of(oscillator, start), rows.T, start)
 
 
 def growth(oscillator: DrivenStructure, run: Trajectory) -> Array:
@@ -155,23 +162,6 @@ def _period_of(run: Trajectory, turn: float) -> int:
         if apart <= _RECURRENCE * np.linalg.norm(final):
             return int(n)
     return 0
-
-
-def _follow(
-    oscillator: DrivenStructure, start: ImpactState, frame: Array, logs: Array, times: Array
-) -> ImpactState:
-    """Simulate n impacts, update frame, logs (n, k) and times in place; return the last state."""
-    d = oscillator.dimension
-    most = _at_once(d)
-    for begin in range(0, len(logs), most):
-        wanted = min(most, len(logs) - begin)
-        run = trajectory_of(oscillator, start, wanted, store=True)
-        if run.impacts < wanted:
-            raise NoCrossing(f"there is no next impact: {run.ending.value}")
-        logs[begin : begin + wanted] = _stretched(steps_of(oscillator, run), frame)
-        times[begin : begin + wanted] = np.diff(run.time, prepend=0.0)
-        start = run.final
-    return start
 
 
 def _at_once(d: int) -> int:
@@ -264,14 +254,6 @@ def _flights(
 
 def _jumps(oscillator: DrivenStructure, run: Trajectory, now: slice) -> tuple[Array, Any]:
     """Bend, kick and push (n, 3) of some impacts, and the number (n,) of directions they lose."""
-    log, r = run.log, oscillator.restitution
-    if not isinstance(r, ImpactLaw) and r > 0.0 and not run.guards[log.guard[now], 0].any():
-        from dynkit.systems.impact.variational.tangent_kernels import fill_jumps
-
-        tables, jumps = oscillator._automaton.tables, np.empty((now.stop - now.start, 3))
-        own = tables.ladders.rows, tables.kick, tables.restitution
-        fill_jumps(log.guard[now], log.speed[now], log.states[now], *own, jumps)
-        return jumps, np.zeros(len(jumps), dtype=np.intp)
     rates, bends = before_impacts(oscillator, run, now)
     rates = np.minimum(rates, 0.0)
     r, slope = rebound(oscillator.restitution, rates)
@@ -287,19 +269,20 @@ def before_impacts(
     """Rates and accelerations (n,) of the gap just before some impacts of a trajectory."""
     log, numbers = run.log, np.arange(run.impacts)[now]
     rates, bends = np.empty((2, run.impacts))
+    automaton = oscillator._automaton
     for number, where in grouped(log.guard[now]):
         here = numbers[where]
-        (gap, mode), (flight, element) = run.gap(number), run.guards[number, :2].tolist()
-        stop = oscillator._stops[element]
+        guard = automaton.guards[number]
+        mode, stop = automaton.modes[guard.mode], oscillator._stops[guard.element]
         law = isinstance(stop.restitution, ImpactLaw)
         r = 0.0 if law else stop.restitution
         if r > 0.0:
             rates[here] = -log.speed[here] / r
         rows = np.zeros((2, 2, mode.layout.slots))
-        rows[..., : gap.rows.shape[1]] = gap.rows[2:6].reshape(2, 2, -1)
-        if r > 0.0 and flight == 0:  # the state after determines that before
-            kick = mode.placed(mode.contact(oscillator._contacts[element].row).kick[:2])
-            turn = stop.sign * float((rows[1] * kick).sum())
+        rows[..., : guard.sum.rows.shape[1]] = guard.sum.rows[2:6].reshape(2, 2, -1)
+        if r > 0.0 and guard.mode == 0:  # the state after determines that before
+            kick = automaton.tables.kick[number, :2, : mode.layout.slots]
+            turn = float((rows[1] * kick).sum())
             for own in (here[now] for now in in_steps(len(here))):
                 bends[own] = np.einsum("ij,kij->k", rows[1], log.states[own])
             bends[here] += (1.0 + r) * rates[here] * turn
@@ -324,12 +307,12 @@ def _contact_matrices(
     out = np.zeros((len(durations), d, d))
     if not len(durations) or d == 2:
         return out
-    before, sides = run.before[some], run.contact_sides[some]
+    before, automaton = run.before[some], oscillator._automaton
     speeds, states = run.speeds[before], run.free_states[before]
-    for side in np.unique(sides).tolist():
-        here = np.flatnonzero(sides == side)
-        mode = oscillator._automaton.held(side).mode
+    for number, here in grouped(run.switches.guard[run._held][some]):
+        guard = automaton.guards[number]
+        mode = automaton.modes[guard.target]
         moved = mode.transitions(durations[here]).matrices(mode.layout.modes)
-        down = closing(oscillator, side, states[here], speeds[here])
-        out[here] = release(oscillator, side) @ moved @ down
+        down = closing(oscillator, guard, states[here], speeds[here])
+        out[here] = release(oscillator, automaton.guards[guard.partner]) @ moved @ down
     return out

@@ -83,7 +83,7 @@ def followed(oscillator: DrivenStructure, run: Trajectory, lifted: Array) -> tup
             if guard.watch.event == IMPACT and float(s.speed[i + 1]) > 0.0:
                 # friction in the bounces that contact replaces: see `map_derivative._kept_slipping`
                 ways = partial(_way_on, automaton, s.begin[i + 1 :], s.guard[i + 1 :])
-                u = float(mode.gap(guard.element, *mode.motion(state), *state[:, -1].tolist())[1])
+                u = mode.gap_at(guard.element, state)[1]
                 rubs = rubbed(oscillator, guard, state, out, 0.0, 0.0, u, ways)
             out = hit(mode, guard.element, state, out, 0.0, 0.0)[0] + rubs
     return out, state
@@ -94,10 +94,7 @@ def hit(
 ) -> tuple[Array, Array]:
     """Disturbances (2 N + J + 1, d) after an impact, and (d,) of the gap's rate before it."""
     n, out = mode.bodies, disturbances.copy()
-    x, v = state[0, :n], state[1, :n]
-    sine, cosine = state[:, -1].tolist()
-    phase = float(np.arctan2(sine, cosine))
-    rate = float(mode.gap(k, x, v, sine, cosine)[1])
+    x, phase, rate = state[0, :n], float(np.arctan2(*state[:, -1])), mode.gap_at(k, state)[1]
     by_rate = mode.rate_row(k, state) @ disturbances
     out[n : 2 * n] += reset(slope, mode.kick(k, x, phase), by_rate)
     if not mode.constant_kicks:
@@ -179,9 +176,9 @@ def rubbed(
     """
     automaton, stop, out = oscillator._automaton, guard.element, 0.0 * disturbances
     mode: TaylorMode = automaton.modes[guard.mode]
-    (x, v), (sine, cosine) = mode.motion(state), state[:, -1].tolist()
-    for k, ratio in automaton.scrapes(guard, x, float(np.arctan2(sine, cosine))):
-        w = float(mode.gap(k, x, v, sine, cosine)[1])
+    x, phase = mode.motion(state)[0], float(np.arctan2(*state[:, -1]))
+    for k, ratio in automaton.scrapes(guard, x, phase):
+        w = mode.gap_at(k, state)[1]
         stops = abs(w) <= -(1.0 + r) * ratio * rate if ways is None else not ways(k)
         if stops:
             out += _slowed(mode, k, state, disturbances, w, mode.rate_row(k, state), None)

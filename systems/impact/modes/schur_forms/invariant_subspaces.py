@@ -3,14 +3,20 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from decimal import Decimal, localcontext
 from typing import final
 
 import numpy as np
 
 from dynkit.systems.impact.modes.energy_coordinates import EnergyCoordinates
-from dynkit.systems.impact.modes.schur_forms.schur import LARGE, SchurForm
-from dynkit.systems.structure.double_double import DoubleDouble, add, multiply
+from dynkit.systems.impact.modes.schur_forms.schur import SchurForm
+from dynkit.systems.structure.double_double import (
+    DoubleDouble,
+    add,
+    divide,
+    multiply,
+    negative,
+    square_root,
+)
 
 SMALL_PROJECTOR = 1e3
 """Largest norm of a projector onto a cluster along the others, as long as the clusters have no more
@@ -66,31 +72,26 @@ class Cluster:
         """The cluster with a matrix (a, b; -b, a), if it is one well-conditioned complex pair."""
         if len(self.matrix.high) != 2 or self.real:
             return self
-        with localcontext() as context:
-            context.prec = 50
-            high, low = (part.ravel().tolist() for part in self.matrix)
-            p, q, r, t = (Decimal(x) + Decimal(y) for x, y in zip(high, low, strict=True))
-            a = (p + t) / 2
-            square = p * t - q * r - a * a
-            if square <= 0:
-                return self
-            b = square.sqrt()
-            change = [Decimal(1), (a - p) / b, Decimal(0), -r / b]
-            if np.linalg.cond(np.array(change, dtype=float).reshape(2, 2)) > _FLATTEST:
-                return self
-            matrix, turned = (_double_double(numbers) for numbers in ([a, b, -b, a], change))
+        p, q, r, t = (
+            DoubleDouble(*(part[i, j : j + 1] for part in self.matrix))
+            for i in (0, 1)
+            for j in (0, 1)
+        )
+        a, off = (DoubleDouble(*(0.5 * part for part in add(p, x))) for x in (t, negative(t)))
+        square = negative(add(multiply(off, off), multiply(q, r)))
+        if square.high[0] <= 0.0:
+            return self
+        b = square_root(square)
+        across, along = divide(negative(off), b), divide(negative(r), b)
+        change = np.array([[1.0, across.high[0]], [0.0, along.high[0]]])
+        if np.linalg.cond(change) > _FLATTEST:
+            return self
         first, second = (DoubleDouble(*(part[:, [k]] for part in self.vectors)) for k in (0, 1))
-        by = [DoubleDouble(*(part[k, 1:] for part in turned)) for k in (0, 1)]
-        second = add(multiply(first, by[0]), multiply(second, by[1]))
-        vectors = (np.concatenate(parts, axis=1) for parts in zip(first, second, strict=True))
-        return Cluster(self.numbers, DoubleDouble(*vectors), matrix, 0)
-
-
-def _double_double(numbers: list[Decimal]) -> DoubleDouble:
-    """A double-double matrix (2, 2) of four decimal numbers."""
-    high = np.array([float(number) for number in numbers])
-    low = [float(x - Decimal(y)) for x, y in zip(numbers, high.tolist(), strict=True)]
-    return DoubleDouble(high.reshape(2, 2), np.array(low).reshape(2, 2))
+        second = add(multiply(first, across), multiply(second, along))
+        columns = zip(first, second, strict=True)
+        vectors = DoubleDouble(*(np.concatenate(parts, axis=1) for parts in columns))
+        matrix = (np.block([[x, y], [-y, x]]) for x, y in zip(a, b, strict=True))
+        return Cluster(self.numbers, vectors, DoubleDouble(*matrix), 0)
 
 
 def clusters_of(coordinates: EnergyCoordinates) -> list[Cluster]:
@@ -103,14 +104,8 @@ def clusters_of(coordinates: EnergyCoordinates) -> list[Cluster]:
     form = SchurForm(coordinates.matrix, rigid)
     clusters = _rigid_pairs(form, coordinates) if rigid else []
     used = {number for cluster in clusters for number in cluster.numbers}
-    others = [number for number in range(len(form.size)) if number not in used]
-    alone = form.alone() if len(coordinates.matrix.high) >= LARGE else {}
-    clusters += [
-        Cluster([number], *alone[number], form.size[number] % 2)
-        if number in alone
-        else Cluster.of(form, [number], rigid)
-        for number in others
-    ]
+    others = (number for number in range(len(form.size)) if number not in used)
+    clusters += [Cluster.of(form, [number], rigid) for number in others]
     while len(clusters) > 1:
         basis = np.concatenate([cluster.vectors.high for cluster in clusters], axis=1)
         ends = np.cumsum([len(cluster.matrix.high) for cluster in clusters])

@@ -12,23 +12,12 @@ from typing import final
 import numpy as np
 
 from dynkit.systems.impact.modes.schur_forms.refinement import refined_schur
-from dynkit.systems.structure.double_double import (
-    DoubleDouble,
-    add,
-    column_sums,
-    divide,
-    multiply,
-    negative,
-    square_root,
-)
+from dynkit.systems.structure.double_double import DoubleDouble
 from dynkit.systems.structure.symmetric import product
 
-LARGE = 50
+_LARGE = 50
 """Order of a matrix from which refinement is faster than the QR iteration in double-double
-arithmetic, and one substitution for all blocks is faster than exchanges for each block."""
-
-# Largest element of a basis (X, 1): its orthonormalisation amplifies errors by this factor.
-_STEEPEST = 2.0**20
+arithmetic."""
 
 
 @final
@@ -55,7 +44,7 @@ class SchurForm:
         n = len(matrix.high)
         self._t = np.stack(matrix)
         self._q = np.stack([np.eye(n), np.zeros((n, n))])
-        if n >= LARGE:
+        if n >= _LARGE:
             self._refine(matrix, start)
         room = max(n, 5)
         self._scratch = Scratch(
@@ -108,62 +97,3 @@ class SchurForm:
             DoubleDouble(*self._q[:, :m].transpose(0, 2, 1).copy()),
             DoubleDouble(*self._t[:, :m, :m].copy()),
         )
-
-    def alone(self) -> dict[int, tuple[DoubleDouble, DoubleDouble]]:
-        """The results of `lead` for single blocks, by number, without a change of their order.
-
-        Blocks with nearly the eigenvalues of an earlier block are left out.
-        """
-        from dynkit.systems.impact.modes.schur_forms.schur_kernels import fill_subspaces
-
-        w = np.zeros_like(self._t)
-        fill_subspaces(self._t, w, self._scratch)
-        sizes = [self.size[number] for number in self.order]
-        starts = np.cumsum([0, *sizes[:-1]])
-        steep = ~(np.maximum.reduceat(np.abs(w[0]).max(axis=0), starts) <= _STEEPEST)
-        w[:, :, np.repeat(steep, sizes)] = 0.0
-        vectors = product(DoubleDouble(*self._q.transpose(0, 2, 1).copy()), DoubleDouble(*w))
-        found = {}
-        for size in (1, 2):
-            chosen = np.flatnonzero((np.array(sizes) == size) & ~steep)
-            place = starts[chosen] + np.arange(size)[:, None]
-            basis = DoubleDouble(*(part[:, place] for part in vectors))
-            blocks = DoubleDouble(*(part[place[:, None], place] for part in self._t))
-            own, matrices = _orthonormal(basis, blocks)
-            for k, i in enumerate(chosen.tolist()):
-                found[self.order[i]] = (
-                    DoubleDouble(*(part[..., k].copy() for part in own)),
-                    DoubleDouble(*(part[..., k].copy() for part in matrices)),
-                )
-        return found
-
-
-def _orthonormal(basis: DoubleDouble, matrix: DoubleDouble) -> tuple[DoubleDouble, DoubleDouble]:
-    """Orthonormal V = basis R^-1, and R matrix R^-1, R upper triangular.
-
-    Shapes (n, m, count) and (m, m, count), m = 1 or 2.
-    """
-    first, *others = (DoubleDouble(*(x[:, j] for x in basis)) for j in range(basis.high.shape[1]))
-    a = square_root(column_sums(multiply(first, first)))
-    first = divide(first, _row(a))
-    if not others:
-        return _stacked([first], 1), matrix
-    b = column_sums(multiply(first, others[0]))
-    second = add(others[0], negative(multiply(first, _row(b))))
-    c = square_root(column_sums(multiply(second, second)))
-    second = divide(second, _row(c))
-    p, q, r, t = (DoubleDouble(*(x[i, j] for x in matrix)) for i in (0, 1) for j in (0, 1))
-    change = multiply(r, divide(b, a))
-    p, apart = add(p, change), add(add(t, negative(p)), negative(change))
-    q = divide(add(multiply(a, q), multiply(b, apart)), c)
-    r, t = multiply(r, divide(c, a)), add(t, negative(change))
-    turned = _stacked([_stacked([p, q], 0), _stacked([r, t], 0)], 0)
-    return _stacked([first, second], 1), turned
-
-
-def _row(x: DoubleDouble) -> DoubleDouble:
-    return DoubleDouble(x.high[None], x.low[None])
-
-
-def _stacked(parts: list[DoubleDouble], axis: int) -> DoubleDouble:
-    return DoubleDouble(*(np.stack(part, axis=axis) for part in zip(*parts, strict=True)))

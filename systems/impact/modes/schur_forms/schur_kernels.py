@@ -344,37 +344,3 @@ def swap(t: Array, q: Array, k: int, p: int, m: int, scratch: Any) -> None:
             _from_right(t, v, b, b_low, k + j, rows, k + p + m)
     for j in range(m):
         _clear(t, k + m, p, k + j)
-
-
-@kernel(entry=True)
-def fill_subspaces(t: Array, w: Array, scratch: Any) -> None:
-    """Fill `w` (2, n, n), initially zero, with W: T W = W D, D the diagonal blocks of T.
-
-    W is upper triangular with unit diagonal blocks. It overflows if two blocks have nearly equal
-    eigenvalues.
-    """
-    n, system, x = t.shape[1], scratch.system, scratch.solution
-    end: int = n
-    while end > 0:
-        p = 2 if end > 1 and t[0, end - 1, end - 2] != 0.0 else 1
-        i: int = end - p
-        for r in range(i, end):
-            w[0, r, r] = 1.0
-            for other in range(end, n):
-                a, a_low = t[0, r, other], t[1, r, other]
-                for j in range(other, n):
-                    b, e = dd_multiply(a, a_low, w[0, other, j], w[1, other, j])
-                    w[0, r, j], w[1, r, j] = dd_add(w[0, r, j], w[1, r, j], b, e)
-        k = end
-        while k < n:
-            m = 2 if k + 1 < n and t[0, k + 1, k] != 0.0 else 1
-            size = _sylvester(t, i, p, k, m, system)
-            for part in range(2):
-                for row in range(p * m):
-                    system[part, row, 4] = w[part, i + row // m, k + row % m]
-            _solve(system, p * m, max(ROUNDING * size, 1e-300), scratch.order, x)
-            for part in range(2):
-                for row in range(p * m):
-                    w[part, i + row // m, k + row % m] = -x[part, row]
-            k += m
-        end = i

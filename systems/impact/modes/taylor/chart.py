@@ -24,7 +24,7 @@ from dynkit.core.no_motion import CannotFollow, Diverged
 from dynkit.core.validation import Array
 from dynkit.systems.impact.modes.taylor.equations import Plan, system_of
 from dynkit.systems.impact.modes.taylor.gaps import Gaps
-from dynkit.systems.structure.functions import CoordinateFunction
+from dynkit.systems.impact.modes.taylor.scene import Scene
 
 _MOST_KEPT = 64
 """Number of compiled integrators in each cache."""
@@ -195,14 +195,11 @@ class Chart:
     Attributes
     ----------
     plan : Plan
-    own : (elements, 8) numbers of the elements, see `TaylorMode`
-    rows : (elements, N)
+    scene : Scene
     to_x, back_x : (N + J, N + J)
         From positions to bare coordinates and back.
     to_v, back_v : (N, N)
         The same for velocities.
-    curves : dict
-        Functions along which elements act, by the numbers of these.
     joints : (J, 2)
         For each slider, the side on which it is nearer to yielding, and the stretch at which it
         yields.
@@ -218,25 +215,22 @@ class Chart:
     def __init__(
         self,
         plan: Plan,
+        scene: Scene,
         pars: Array,
-        own: Array,
         to: tuple[Array, Array],
         back: tuple[Array, Array],
-        rows: Array,
-        curves: dict[int, CoordinateFunction],
         joints: Array,
         events: tuple[int, ...],
     ) -> None:
-        self.plan, self._pars, self._own, self.curves = plan, pars, own, curves
+        self.plan, self.scene, self._pars = plan, scene, pars
         self.to_x, self.to_v = to
         self.back_x, self.back_v = back
         self._size, self._joints, self._events = len(self.to_v), joints, events
-        parted = [k for k in curves if k not in plan.sliders]
-        self.rows, self._more = rows, (*parted, *plan.dragged)
-        self._bent = [(k, i) for i, k in enumerate(plan.sliders) if k in curves]
+        self._more = (*scene.parted, *plan.dragged)
+        self._bent = [(k, i) for i, k in enumerate(plan.sliders) if k in scene.curves]
         more = {k: len(self.to_x) + i for i, k in enumerate(self._more)}
         self.springs = {k: self._size + i for i, k in enumerate(plan.sliders)}
-        self.places = dict(plan.stops) | {k: more[k] for k in parted}
+        self.places = dict(plan.stops) | {k: more[k] for k in scene.parted}
         self.speeds = dict((*plan.stops, *plan.rubs)) | self.springs | more
         self.lock = RLock()
         self._limits: dict[str, Any] = {"max_steps": _CHUNK}
@@ -286,13 +280,13 @@ class Chart:
         """
         shape = np.shape(sine)
         x, v = np.zeros((*shape, len(self.to_x))), np.zeros((*shape, self._size))
-        rate = self._pars[1]
+        elements, w = self.scene.elements, self.scene.excitation.frequency
         for k, p in self.plan.stops:
-            sign, real, imaginary, offset = self._own[k, :4]
-            x[..., p] = sign * (offset * one + real * sine + imaginary * cosine)
+            element = elements[k]
+            x[..., p] = element.sign * (element.offset * one + element.swing(sine, cosine))
         for k, p in (*self.plan.stops, *self.plan.rubs):
-            sign, real, imaginary, _, drift = self._own[k, :5]
-            v[..., p] = sign * (drift * one + rate * (real * cosine - imaginary * sine))
+            element = elements[k]
+            v[..., p] = element.sign * (element.drift * one + element.swing_rate(w, sine, cosine))
         return x, v
 
     def coordinates(self, x: Array, v: Array, sine: float, cosine: float) -> Array:
@@ -307,25 +301,17 @@ class Chart:
         gaps, rates, x = [], [], x[:n]
         parts[0][n:] = reach - side * (parts[0][n:] + self._along(x))
         for k in (*self.plan.sliders, *self._more):
-            gap, rate = self.gap(k, x, v, sine, cosine)
+            gap, rate = self.scene.gap(k, x, v, sine, cosine)
             gaps += [gap] if k in self.places else []
             gaps += [0.0] if k in self.plan.dragged else []
             rates.append(rate)
         return np.concatenate([parts[0], gaps, parts[1], rates])
 
-    def gap(self, k: int, x: Array, v: Array, sine: float, cosine: float) -> tuple[float, float]:
-        """Gap of an element and its rate, at positions and velocities (N,)."""
-        sign, real, imaginary, offset, drift = self._own[k, :5]
-        place = offset + real * sine + imaginary * cosine
-        speed = drift + self._pars[1] * (real * cosine - imaginary * sine)
-        along = self.curves[k](x) if k in self.curves else self.rows[k] @ x
-        return sign * (float(along) - place), sign * (float(self._row(k, x) @ v) - speed)
-
     def _along(self, x: Array) -> Array:
         """Terms of the stretches (..., J) along functions that bare coordinates leave out."""
         out = np.zeros((*x.shape[:-1], len(self.plan.sliders)))
         for k, i in self._bent:
-            out[..., i] = self._own[k, 0] * self.curves[k](x)
+            out[..., i] = self.scene.elements[k].sign * self.scene.curves[k](x)
         return out
 
     def stretched(self, k: int, left: Array) -> Array:
@@ -335,15 +321,11 @@ class Chart:
         out[0] += side * reach
         return np.asarray(out)
 
-    def _row(self, k: int, x: Array) -> Array:
-        """Row (N,) of an element at positions (N,)."""
-        row: Array = self.curves[k].gradient(x) if k in self.curves else self.rows[k]
-        return row
-
     def kicked(self, x: Array, change: Array) -> Array:
         """Changes of the second half of the coordinates due to changes (N,) of velocities."""
+        rows, elements = self.scene.rows_at(x), self.scene.elements
         carried = (*self.plan.sliders, *self._more)
-        rates = [self._own[k, 0] * (self._row(k, x) @ change) for k in carried]
+        rates = [elements[k].sign * (rows[k] @ change) for k in carried]
         return np.concatenate([self.to_v @ change, rates])
 
     def bare(self, z: Array, sine: float, cosine: float) -> Array:
@@ -370,7 +352,7 @@ class Chart:
         if not self._plain:
             x, v = x @ self.back_x.T, v @ self.back_v.T
         for k, i in self._bent if z.shape[-1] != n + p else ():
-            x[..., n + i] += self.curves[k](x[..., :n])
+            x[..., n + i] += self.scene.curves[k](x[..., :n])
         return x, v
 
     def load(self, z: Array, sine: float, cosine: float) -> Any:
@@ -427,7 +409,7 @@ class Chart:
             self.load(z, sine, cosine)
         stations = [*early, longest]
         limits = dict(self._limits)
-        if self.curves:  # steps along a free flight, a polynomial, have no limit of their own
+        if self.scene.curves:  # steps along a free flight, a polynomial, have no limit of their own
             limit = min(limit, math.tau / self._pars[1])
         if limit < math.inf:
             limits["max_delta_t"] = limit
@@ -473,16 +455,8 @@ class Chart:
     def _careful(self) -> Chart:
         """The same coordinates, with events of gaps that become positive."""
         ways = (self.to_x, self.to_v), (self.back_x, self.back_v)
-        return Chart(
-            replace(self.plan, careful=True),
-            self._pars,
-            self._own,
-            *ways,
-            self.rows,
-            self.curves,
-            self._joints,
-            self._events,
-        )
+        plan = replace(self.plan, careful=True)
+        return Chart(plan, self.scene, self._pars, *ways, self._joints, self._events)
 
     def _again(
         self,

@@ -91,8 +91,7 @@ class Charts:
         back = [np.asarray(np.linalg.inv(part), dtype=float) for part in to]
         reach = [scene.elements[k].reach for k in scene.sliders]
         joints = np.array([sides, reach], dtype=float).reshape(2, -1).T
-        own, groups = self._numbers(back, joints)
-        flat, kinds = numbers_of(groups)
+        flat, kinds = numbers_of(self._numbers(back, joints))
         plan = Plan(
             scene.motion.equations,
             kinds,
@@ -116,7 +115,7 @@ class Charts:
         whole = self._with_sliders(to[0], back[0])
         ways = (whole[0], to[1]), (whole[1], back[1])
         events = tuple(self._events)
-        return Chart(plan, pars, own, *ways, scene.rows, scene.curves, joints, events)
+        return Chart(plan, scene, pars, *ways, joints, events)
 
     def _with_sliders(self, to: Array, back: Array) -> tuple[Array, Array]:
         """Matrices (N + J, N + J) from positions, with those of sliders, to stretches, and back."""
@@ -128,10 +127,8 @@ class Charts:
         here[:n, :n], here[n:, :n], here[n:, n:] = back, rows @ back, np.diag(-signs)
         return there, here
 
-    def _numbers(
-        self, back: Sequence[Array], joints: Array
-    ) -> tuple[Array, list[tuple[Array, Any]]]:
-        """Numbers (elements, 8) of the elements, and all numbers of a plan, with masks."""
+    def _numbers(self, back: Sequence[Array], joints: Array) -> list[tuple[Array, Any]]:
+        """All numbers of a plan, with masks; those of each element are eight: see `_Builder`."""
         scene, n = self._scene, self._scene.size
         harmonic, constant = scene.excitation.harmonic[:n], scene.excitation.constant[:n]
         own = np.array(
@@ -173,7 +170,7 @@ class Charts:
         watches = [_watched(watch, yields.get(k)) for k, watch in self._guards]
         slides = np.array([k in scene.sliders for k, _ in self._guards], dtype=bool)
         vary = np.outer(slides, (False, True, False, True, True, False))
-        return own, [*groups, (np.array(watches).reshape(-1, 6), vary)]
+        return [*groups, (np.array(watches).reshape(-1, 6), vary)]
 
 
 def _watched(watch: Watch | None, joint: Sequence[float] | None) -> tuple[float, ...]:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from typing import Any, final
 
 import numpy as np
@@ -46,9 +45,10 @@ class Gaps:
         Their stops do not act along functions.
         """
         unit, found = np.vstack([0.0 * self._state, np.eye(len(self._state))]), {}
+        scene = self._chart.scene
         for _, k, place, _ in self.open:
             if place < 0:
-                values = np.array([self._chart.gap(k, *self._motion(state)) for state in unit])
+                values = np.array([scene.gap(k, *self._motion(state)) for state in unit])
                 found[k] = (values[1:] - values[0]).T.copy(), values[0]
         return found
 
@@ -70,9 +70,8 @@ class Gaps:
         """A gap above this is zero by rounding, or as it was at coordinates (M,)."""
         begin = np.append(z, (sine, cosine) if len(self._state) > len(z) else ())
         x, *_ = self._motion(begin)
-        _, real, imaginary, offset = self._chart._own[k, :4]
-        row = self._chart._row(k, x)
-        size = abs(row) @ abs(x) + abs(offset) + math.hypot(real, imaginary)
+        element, row = self._chart.scene.elements[k], self._chart.scene.rows_at(x)[k]
+        size = abs(row) @ abs(x) + abs(element.offset) + element.amplitude
         return 2.0 * min(-ROUNDING * float(size), float(self._pair(k, begin)[0]))
 
     def amiss(self, z: Array, sine: float, cosine: float, hit: int = -1) -> bool:

@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from typing import Any, NamedTuple, final
 
 import numpy as np
+from scipy.linalg import block_diag
 
 from dynkit.core.differences import STEP
 from dynkit.core.kept import cached_property
@@ -173,7 +174,7 @@ class TaylorMode:
         found = np.zeros(len(scene.elements))
         for k, regime in enumerate(self.regimes):
             if regime.acts:
-                gap, rate = self.gap(k, x, v, sine, cosine)
+                gap, rate = scene.gap(k, x, v, sine, cosine)
                 gap = self.stretch(k, state) if k in scene.sliders else gap
                 found[k] = regime.push - regime.stiffness * gap - regime.damping * rate
         signs = np.array([element.sign for element in scene.elements])
@@ -230,15 +231,10 @@ class TaylorMode:
             inertia: Array = np.asarray(np.linalg.solve(mass, rows.T).T, dtype=float)
             check_unique(inertia, rows, push, self.scene.elements[self.slips[0][0]])
 
-    def gap(self, k: int, x: Array, v: Array, sine: Any, cosine: Any) -> tuple[Any, Any]:
-        """Gap of an element and its rate, at positions and velocities (..., N)."""
-        scene = self.scene
-        place, speed, _ = scene.prescribed(k, sine, cosine)
-        sign = scene.elements[k].sign
-        if k in scene.curves:
-            along = scene.curves[k](x), (v * scene.curves[k].gradient(x)).sum(axis=-1)
-            return sign * (along[0] - place), sign * (along[1] - speed)
-        return sign * (x @ scene.rows[k] - place), sign * (v @ scene.rows[k] - speed)
+    def gap_at(self, k: int, state: Array) -> tuple[float, float]:
+        """Gap of an element and its rate, at a state (2, N + J + 1)."""
+        gap, rate = self.scene.gap(k, *self.motion(state), *state[:, -1].tolist())
+        return float(gap), float(rate)
 
     def rate(self, states: Array) -> Array:
         """Rates of change of states (k, 2, N + J + 1), with the velocities of the sliders."""
@@ -261,7 +257,7 @@ class TaylorMode:
         """
         k, watch = self.guards[number]
         scene, (x, v), (sine, cosine) = self.scene, self.motion(state), state[:, -1].tolist()
-        gap, rate = self.gap(k, x, v, sine, cosine)
+        gap, rate = scene.gap(k, x, v, sine, cosine)
         element, w = scene.elements[k], scene.excitation.frequency
         row = abs(scene.rows_at(x)[k])
         value = watch.level + watch.gap * gap + watch.rate * rate
@@ -373,16 +369,6 @@ class TaylorMode:
         own, over = (self._pushed(scene, j, x, phase)[1] for j in (k, scene.normal[k]))
         return max(regime.traction for regime in scene.elements[k].regimes) * own / over
 
-    def pushed(self, row: Array) -> Array:
-        """Velocity changes (N,) of an impulse that changes the rate of a row by one.
-
-        The mass matrix is that at zero. The row is (N,), or (N + J,) with zeros for sliders.
-        """
-        w, motion, zero = self.scene.excitation.frequency, self.scene.motion, np.zeros(self.bodies)
-        row = row[: self.bodies]
-        response = np.linalg.solve(motion.inertia(w, zero, zero, 0.0)[0], row)
-        return np.asarray(response / float(row @ response))
-
     # --- charts -----------------------------------------------------------------------------------
 
     def chart(self, first: int, state: Array) -> Chart:
@@ -441,9 +427,7 @@ class TaylorMode:
         turn = sine * c + cosine * s, cosine * c - sine * s
         still = np.concatenate(chart.shifts(0.0, 0.0))
         turned = [np.concatenate(chart.shifts(c, -s)) - still for s, c in ((sine, cosine), turn)]
-        to, back = np.zeros((2, n + p, n + p))
-        for out, parts in ((to, (chart.to_x, chart.to_v)), (back, (chart.back_x, chart.back_v))):
-            out[:p, :p], out[p:, p:] = parts
+        to, back = block_diag(chart.to_x, chart.to_v), block_diag(chart.back_x, chart.back_v)
         whole = np.eye(n + p + 1)
         whole[:-1, :-1] = back @ flow[:, :-1] @ to
         by_phase = flow[:, -1] - flow[:, :-1] @ turned[0] + turned[1]
@@ -510,12 +494,10 @@ class TaylorMode:
 
     def _near(self, state: Array) -> int:
         """Number of the stop with the smallest gap at a state, for the choice of coordinates."""
-        (x, v), (sine, cosine) = self.motion(state), state[:, -1].tolist()
         stops = [k for k, e in enumerate(self.scene.elements) if isinstance(e, HardStop)]
         if len(stops) < 2:
             return 0
-        gaps = [abs(self.gap(k, x, v, sine, cosine)[0]) for k in stops]
-        return stops[int(np.argmin(gaps))]
+        return min(stops, key=lambda k: abs(self.gap_at(k, state)[0]))
 
     def quadrature(self, start: Array, duration: float) -> tuple[Array, Array]:
         """Weights (m,) of Gauss-Legendre quadrature over a duration, and states there."""

@@ -118,6 +118,15 @@ class Scene:
         found = own.harmonic.real * sine + own.harmonic.imag * cosine + own.constant
         return np.asarray(found[: self.size])
 
+    def gap(self, k: int, x: Array, v: Array, sine: Any, cosine: Any) -> tuple[Any, Any]:
+        """Gap of an element and its rate, at positions and velocities (..., N)."""
+        place, speed, _ = self.prescribed(k, sine, cosine)
+        sign = self.elements[k].sign
+        if k in self.curves:
+            along = self.curves[k](x), (v * self.curves[k].gradient(x)).sum(axis=-1)
+            return sign * (along[0] - place), sign * (along[1] - speed)
+        return sign * (x @ self.rows[k] - place), sign * (v @ self.rows[k] - speed)
+
     def prescribed(self, k: int, sine: Any, cosine: Any) -> tuple[Any, Any, Any]:
         """Position, velocity and acceleration of an element along its row."""
         element, w = self.elements[k], self.excitation.frequency

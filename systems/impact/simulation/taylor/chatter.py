@@ -11,17 +11,11 @@ import numpy as np
 from dynkit.core.validation import Array
 from dynkit.systems.impact.elements.element import HALT, SWITCH
 from dynkit.systems.impact.elements.laws import ImpactLaw, Restitution, share
-from dynkit.systems.impact.simulation.contact_kernels import chatter_rest, falling
+from dynkit.systems.impact.simulation.contact_kernels import PLACE, SMALLEST, chatter_rest, falling
 
 if TYPE_CHECKING:
     from dynkit.systems.impact.modes.taylor.chart import Chart
     from dynkit.systems.impact.modes.taylor.mode import TaylorMode
-
-_SMALLEST = 1e-100
-"""Velocity below which a chatter is over, for any tolerance."""
-
-_PLACE = 1000.0
-"""Largest error of the contact mass's position in omitted bounces, in units of the tolerance."""
 
 _TURN = 1e-4
 """Second differences of a kick along the path have the time step _TURN / (1 + |v|)."""
@@ -63,7 +57,7 @@ def chatter(
     """
     a, (drop, hold) = -2.0 * float(found[2]), turns
     least, part, by_law = a - drop, _part(law, u), isinstance(law, ImpactLaw)
-    if not (part > 0.0 and least > 0.0) or (allowed == 0.0 and u > _SMALLEST):
+    if not (part > 0.0 and least > 0.0) or (allowed == 0.0 and u > SMALLEST):
         return None, 0.0
     if by_law and (drop > 0.0 or hold > 0.0):
         return None, 0.0
@@ -74,7 +68,7 @@ def chatter(
         return None, 0.0
     lost = (2.0 / 3.0) * u**3 / pull
     rest = 4.0 * u / (fall * left)
-    if lost > _PLACE * allowed > 0.0:
+    if lost > PLACE * allowed > 0.0:
         return None, 0.0
     order = np.arange(3, len(found))
     terms = abs(found[3:]) * order * (order - 1) * rest ** (order - 2.0)
@@ -88,7 +82,7 @@ def chatter(
     third = 6.0 * float(found[3])
     place = 0.025 * u * rest * rest * (abs(drag - third / a) + abs(drag))
     place += 0.5 * u * u / least if drop > 0.0 else 0.0
-    if largest * lost > allowed or place > _PLACE * allowed > 0.0:
+    if largest * lost > allowed or place > PLACE * allowed > 0.0:
         return None, 0.0
     time = 0.5 * rest if by_law else chatter_rest(drag, 1.0 - part, drop, u, -a, third)
     return time, largest * lost
@@ -132,7 +126,7 @@ def disturbed(
         in_time = sum(abs(float(by_place @ kick + by_rate @ by_v @ kick)) for kick in kicks)
         change = (at_once + in_time * lasts) * 2.0 * u / part
         value, falls = mode.watched(i, state)[0], abs(float(by_place @ v + by_rate @ moving[1]))
-        if change > max(allowed, _SMALLEST) and value < 2.0 * (change + falls * lasts):
+        if change > max(allowed, SMALLEST) and value < 2.0 * (change + falls * lasts):
             return True
     return False
 

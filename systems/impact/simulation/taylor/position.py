@@ -14,18 +14,13 @@ from dynkit.systems.impact.elements.friction import LANDED
 from dynkit.systems.impact.modes.curves import CurvedContact
 from dynkit.systems.impact.modes.taylor.gaps import ROUNDING
 from dynkit.systems.impact.modes.taylor.mode import horner
-from dynkit.systems.impact.simulation.state import TOUCHED, TWO_PI, ImpactState, Motion
+from dynkit.systems.impact.simulation.clock_kernels import BOUNCED, BOUNCES, FLIGHT, SWITCHED
+from dynkit.systems.impact.simulation.state import TOUCHED, TWO_PI, ImpactState
 
 if TYPE_CHECKING:
     from dynkit.systems.impact.modes.taylor.chart import Chart
     from dynkit.systems.impact.modes.taylor.mode import TaylorMode
     from dynkit.systems.impact.simulation.driven_structure import DrivenStructure
-
-FLIGHT, BOUNCED, SWITCHED, BOUNCES = range(4)
-"""How each element begins a flight: in flight; just after an impact, after which the mass may come
-to rest; just after a switch; just after an impact, and the mass does not come to rest."""
-
-MOTIONS = (Motion.FLIGHT, Motion.TABLE, Motion.RELEASE, Motion.TABLE)
 
 ABOVE = 1e-300
 """Gap just after an impact. It is not zero because heyoka's root search would report an exact zero
@@ -193,7 +188,7 @@ class Position:
 
     def _hold(self, k: int, still: Sequence[int]) -> None:
         """Put the state exactly onto a stop that is hit, and stop the slip of friction exactly."""
-        curved = [j for j in (k, *still) if j in self._chart.curves]
+        curved = [j for j in (k, *still) if j in self._mode.scene.curves]
         if not curved:
             return
         place = self._place()
@@ -271,7 +266,7 @@ class Position:
         """Rate of the gap of a stop."""
         if k in self._chart.places:
             return float(self._z[self._half + self._chart.speeds[k]])
-        return float(self._mode.gap(k, *self._bodies(), *self._turn)[1])
+        return float(self._mode.scene.gap(k, *self._bodies(), *self._turn)[1])
 
     # --- guards that are zero at an event ---------------------------------------------------------
 

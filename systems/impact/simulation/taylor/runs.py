@@ -11,20 +11,13 @@ import numpy as np
 from dynkit.core.validation import Array
 from dynkit.systems.impact.elements.element import HALT, IMPACT, JAM, REST, SWITCH
 from dynkit.systems.impact.modes.constrained import ContactParadox
+from dynkit.systems.impact.simulation.clock_kernels import BOUNCED, BOUNCES, FLIGHT, SWITCHED
 from dynkit.systems.impact.simulation.scrape_kernels import tail, taken
 from dynkit.systems.impact.simulation.scraping import Rub
-from dynkit.systems.impact.simulation.state import TWO_PI, ImpactState, Motion, state_of
+from dynkit.systems.impact.simulation.state import MOTIONS, TWO_PI, ImpactState, Motion, state_of
 from dynkit.systems.impact.simulation.taylor.chatter import chatter, disturbed
 from dynkit.systems.impact.simulation.taylor.log import Log, repeats
-from dynkit.systems.impact.simulation.taylor.position import (
-    ABOVE,
-    BOUNCED,
-    BOUNCES,
-    FLIGHT,
-    MOTIONS,
-    SWITCHED,
-    Position,
-)
+from dynkit.systems.impact.simulation.taylor.position import ABOVE, Position
 from dynkit.systems.impact.simulation.trajectory import Ending, Impacts, Switches, Trajectory
 
 if TYPE_CHECKING:
@@ -199,7 +192,7 @@ class TaylorCourse(Position):
 
     def _early(self, longest: float) -> list[float]:
         """Durations, below the longest, at which the first Taylor steps of a flight end."""
-        most = longest if self._plain and self._chart.curves else _BRIEF[1] * self._period
+        most = longest if self._plain and self._mode.scene.curves else _BRIEF[1] * self._period
         early = [self._bounce] if 0.0 < self._bounce < min(most, longest) else []
         if self._plain and not self._touching:
             return early
@@ -436,7 +429,7 @@ class TaylorCourse(Position):
         self._motion[k], self._speed[k] = FLIGHT if loose else SWITCHED, 0.0
         place = self._place()
         for j, _, stops in slows[0] if u > 0.0 else ():
-            if stops and j in chart.curves:
+            if stops and j in chart.scene.curves:
                 place = self._onto(j, *place, 0.0)
         self._number = self._automaton.enter(number)
         self._left = k
