@@ -12,7 +12,6 @@ from numpy.typing import NDArray
 
 from dynkit.analysis.averages import LEAST, TimeAverages, weighted
 from dynkit.analysis.batches import in_values
-from dynkit.analysis.kaplan_yorke import kaplan_yorke
 from dynkit.analysis.motions import attractor_of, going_on_for
 from dynkit.analysis.regimes import RegimeChange
 from dynkit.analysis.rounding import distinct_iterates, rounding_of
@@ -38,6 +37,7 @@ from dynkit.plotting.figures import ink, print_style, shown_axes
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
+
 
 _SETTLING = 4
 """A run begins with iterations / _SETTLING additional iterates, in which the frame is aligned."""
@@ -512,3 +512,27 @@ def _averages_of(logs: Array, times: Array | None) -> TimeAverages:
     last = np.ones(len(logs)) if times is None else times
     finite = logs[:, np.isfinite(logs).all(axis=0)]
     return TimeAverages(np.column_stack([finite, last]), growths=finite.shape[1])
+
+
+def kaplan_yorke(exponents: Array) -> float:
+    """Return Kaplan and Yorke's dimension for exponents (d,) in descending order.
+
+    It is j + (lambda_1 + ... + lambda_j) / |lambda_{j+1}| for the largest j whose sum is not
+    negative; d where no sum is negative, and NaN where it depends on an exponent that is NaN.
+
+    Examples
+    --------
+    >>> kaplan_yorke(np.array([0.5, 0.0, -2.0]))
+    2.25
+    >>> kaplan_yorke(np.array([-0.1, -np.inf])), kaplan_yorke(np.array([0.1, -np.inf]))
+    (0.0, 1.0)
+    """
+    total = 0.0
+    exponent: float
+    for j, exponent in enumerate(exponents.tolist()):
+        if np.isnan(exponent):
+            return np.nan
+        if total + exponent < 0.0:
+            return j - total / exponent
+        total += exponent
+    return float(len(exponents))

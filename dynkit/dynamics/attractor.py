@@ -30,8 +30,7 @@ from dynkit.data.result import Result, SavedWithSystem
 from dynkit.dynamics.section import PoincareSection
 from dynkit.labels.label import OrbitKind, OrbitLabel
 from dynkit.labels.labelling import Window, label_orbit, settled_label, with_multiplier
-from dynkit.viewer.page import Page
-from dynkit.viewer.section import page_of_section
+from dynkit.viewer.page import Page, page_of_section
 from dynkit.viewer.series import Series, series_of_states
 from dynkit.viewer.viewing import Viewed
 

@@ -20,7 +20,7 @@ from dynkit.analysis import (
     WorkPrecision,
     impact_methods,
 )
-from dynkit.analysis.work_precision.comparing import compare, matched
+from dynkit.analysis.work_precision.measurement import compare, matched
 from dynkit.analysis.work_precision.methods import OverBudget, Simulation, Unsuited
 from dynkit.analysis.work_precision.reference import reference_impacts
 from dynkit.analysis.work_precision.solve_ivp import SolveIVP
