@@ -16,11 +16,10 @@ import numpy as np
 
 from dynkit.analysis.work_precision.drawing import Job, Lines, draw_all, draw_job
 from dynkit.analysis.work_precision.exact import ExactImpacts
-from dynkit.analysis.work_precision.measurement import Measurement, measure
+from dynkit.analysis.work_precision.measurement import Measurement, measure, table_lines
 from dynkit.analysis.work_precision.methods import ImpactMethod, Unsuited
 from dynkit.analysis.work_precision.reference import reference_impacts
 from dynkit.analysis.work_precision.standard_methods import impact_methods
-from dynkit.analysis.work_precision.tables import table_lines
 from dynkit.core.cost import Cost
 from dynkit.core.kept import cached_property
 from dynkit.core.reprs import line_of

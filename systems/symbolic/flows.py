@@ -110,8 +110,7 @@ class SymbolicFlow(CodedFamily, Flow):
 
     def __init_subclass__(cls, **options: Any) -> None:
         super().__init_subclass__(**options)
-        if _of_symbols(cls.velocity):
-            cls.velocity = _of_states_too(cls.velocity)
+        take_states(cls, ["velocity"])
         if not isinstance(cls.integrals, tuple):
             raise TypeError(f"integrals must be a tuple of names of methods; got {cls.integrals!r}")
         if isinstance(angles := vars(cls).get("angles"), tuple | list):
@@ -311,7 +310,7 @@ def _of_symbols(function: Any) -> bool:
     return function is not None and not made
 
 
-def take_states(cls: type, names: Iterable[str], scalar: bool) -> None:
+def take_states(cls: type, names: Iterable[str], scalar: bool = False) -> None:
     """Make methods of a class and of its bases accept one state, (d,), of numbers as well.
 
     A scalar method returns one expression; for a state it returns one number.
@@ -319,38 +318,23 @@ def take_states(cls: type, names: Iterable[str], scalar: bool) -> None:
     for name in names:
         function: Any = getattr(cls, name, None)
         if _of_symbols(function):
-            setattr(cls, name, _method_of_states_too(function, scalar))
+            setattr(cls, name, _of_states_too(name, function, scalar))
 
 
-def _of_states_too(function: Callable[..., Any]) -> Callable[..., Any]:
-    """Return a velocity that takes symbols, or one state, (d,), of numbers."""
-    names = list(inspect.signature(function).parameters)
-
-    @wraps(function)
-    def velocity(self: SymbolicFlow, *arguments: Any) -> Any:
-        from sympy import Expr
-
-        if len(arguments) != 1 or isinstance(arguments[0], Expr):
-            found = function(self, *arguments)
-            timed = names[-1] == "t" and isinstance(found, tuple)
-            return (*found, 1) if timed and len(found) == len(arguments) - 1 else found
-        return self._filled(self._program.step, arguments[0], (self.dimension,))
-
-    velocity._takes_states = True  # type: ignore[attr-defined]
-    return velocity
-
-
-def _method_of_states_too(function: Callable[..., Any], scalar: bool) -> Callable[..., Any]:
-    """Return another method than the velocity that takes symbols, or one state of numbers."""
+def _of_states_too(name: str, function: Callable[..., Any], scalar: bool) -> Callable[..., Any]:
+    """Return a method that takes symbols, or one state, (d,), of numbers."""
+    velocity, names = name == "velocity", list(inspect.signature(function).parameters)
 
     @wraps(function)
     def method(self: SymbolicFlow, *arguments: Any) -> Any:
         from sympy import Expr
 
         if len(arguments) != 1 or isinstance(arguments[0], Expr):
-            return function(self, *arguments)
-        code = self._method(function.__name__, scalar).step
-        found = self._filled(code, arguments[0], (1 if scalar else self.dimension,))
+            found = function(self, *arguments)
+            timed = velocity and names[-1] == "t" and isinstance(found, tuple)
+            return (*found, 1) if timed and len(found) == len(arguments) - 1 else found
+        program = self._program if velocity else self._method(name, scalar)
+        found = self._filled(program.step, arguments[0], (1 if scalar else self.dimension,))
         return float(found[0]) if scalar else found
 
     method._takes_states = True  # type: ignore[attr-defined]
@@ -416,7 +400,7 @@ class SymbolicHybridFlow(SymbolicFlow, HybridFlow):
         super().__init_subclass__(**options)
         scalars = ["guard"] + ["armed"] * (cls.armed is not HybridFlow.armed)
         take_states(cls, scalars, scalar=True)
-        take_states(cls, ["reset"], scalar=False)
+        take_states(cls, ["reset"])
 
     def guard_gradient(self, state: Array) -> Array:
         return self._scalar_gradient("guard", state)
