@@ -25,8 +25,7 @@ from dynkit.dynamics.flow import Crossing, Flow, Part
 from dynkit.dynamics.hybrid_flow import HybridFlow
 from dynkit.dynamics.section import Stroboscope
 from dynkit.systems.flows.crossings import ON_SECTION, Search, checked_search
-from dynkit.systems.symbolic.derivation import coordinate_names
-from dynkit.systems.symbolic.family import CodedFamily, Program, program_of
+from dynkit.systems.symbolic.family import CodedFamily, Program, coordinate_names, program_of
 
 if TYPE_CHECKING:
     from dynkit.dynamics.section import PoincareSection

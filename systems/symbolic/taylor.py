@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     import sympy
 
     from dynkit.dynamics.section import PoincareSection
-    from dynkit.systems.symbolic.derivation import Expressions
+    from dynkit.systems.symbolic.family import Expressions
 
 _MOST, _CHUNK = 10**7, 50_000
 """Largest number of steps, half a minute of work; it is estimated after every `_CHUNK` steps."""

@@ -18,8 +18,12 @@ from dynkit.systems.impact.modes.bases import Basis, basis_of, row_by_row
 from dynkit.systems.structure.double_double import DoubleDouble, add
 from dynkit.systems.structure.lagrangian import LagrangianStructure
 from dynkit.systems.structure.modes import Derivation
-from dynkit.systems.structure.symmetric import check_semidefinite, product_with
-from dynkit.systems.structure.traction import Traction, product_of
+from dynkit.systems.structure.symmetric import (
+    Traction,
+    check_semidefinite,
+    product_of,
+    product_with,
+)
 
 
 @final
