@@ -26,7 +26,7 @@ from dynkit.core.validation import Array, boolean, of_type
 from dynkit.data import atomic_files as files, store as stores
 from dynkit.data.result import archive_of, read_result
 from dynkit.dynamics.attractor import Attractor
-from dynkit.dynamics.stream import Stream
+from dynkit.dynamics.map import Stream
 from dynkit.engine.collecting import kept_in, refuse_other_version
 
 

@@ -27,14 +27,13 @@ from .dynamics.attractor import Attractor as Attractor, MapAttractor as MapAttra
 from .dynamics.equilibrium import Equilibrium as Equilibrium, equilibrium as equilibrium
 from .dynamics.flow import Flow as Flow
 from .dynamics.hybrid_flow import HybridFlow as HybridFlow, ResetMap as ResetMap
-from .dynamics.map import Map as Map
+from .dynamics.map import Map as Map, Stream as Stream
 from .dynamics.poincare_map import PoincareMap as PoincareMap
 from .dynamics.section import (
     Hyperplane as Hyperplane,
     PoincareSection as PoincareSection,
     Stroboscope as Stroboscope,
 )
-from .dynamics.stream import Stream as Stream
 from .engine import WorkerLost as WorkerLost
 from .exponential.sums import ExponentialSum as ExponentialSum
 from .labels.label import OrbitKind as OrbitKind, OrbitLabel as OrbitLabel

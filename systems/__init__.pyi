@@ -44,6 +44,5 @@ from .maps.standard import StandardMap as StandardMap
 from .maps.towel import FoldedTowel as FoldedTowel
 from .structure.chain import extensions as extensions
 from .structure.lagrangian import LagrangianStructure as LagrangianStructure
-from .symbolic.flows import SymbolicFlow as SymbolicFlow
-from .symbolic.hybrid import SymbolicHybridFlow as SymbolicHybridFlow
+from .symbolic.flows import SymbolicFlow as SymbolicFlow, SymbolicHybridFlow as SymbolicHybridFlow
 from .symbolic.maps import CompiledMap as CompiledMap, SymbolicMap as SymbolicMap

@@ -64,16 +64,29 @@ def _distances(
 
 
 @kernel()
-def _count_leaves(tree: Boxes, a: int, b: int, bins: Bins, own: Buffers) -> int:
-    """Count the pairs of points of two leaves, given as nodes; return the number of distances."""
-    euclidean, edges, first_bins, shares = bins.euclidean, bins.edges, bins.first, own.shares
+def _count_leaves(
+    tree: Boxes, a: int, b: int, bins: Bins, own: Buffers, first: int, number: int
+) -> int:
+    """Count the pairs of points of two leaves, given as nodes; return the number of distances.
+
+    The edges between the bounds of two different leaves are edges[first], and so on, `number` of
+    them. Each distance is compared with all of them, for many points at once: distances need no
+    bin. For -1 the bin of each distance is found.
+    """
+    euclidean, edges, shares, below = bins.euclidean, bins.edges, own.shares, own.below
     top = edges[edges.size - 2]
-    first = first_bins[first_bins.size - 1]
+    first_cell = bins.first[bins.first.size - 1]
+    last = first + number
+    counts = last < edges.size - 1  # not beyond the largest radius
     node = b
     a -= tree.filled.size - 1
     b -= tree.filled.size - 1
     held = tree.filled[b]
+    for e in range(number):
+        for j in range(held):
+            below[e, j] = 0
     measured = 0
+    rows = 0
     for i in range(tree.filled[a]):
         block = tree.blocks[a, i]
         least = 0.0
@@ -93,55 +106,17 @@ def _count_leaves(tree: Boxes, a: int, b: int, bins: Bins, own: Buffers) -> int:
         begin = i + 1 if a == b else 0
         measured += held - begin
         _distances(tree, a, i, b, euclidean, least, coordinates, own.row)
-        for j in range(begin, held):
-            distance = own.row[j]
-            if distance <= top:
-                cell = (own.row_bits[j] >> SHIFT) - first
-                found = first_bins[cell if cell > 0 else 0]
-                while distance > edges[found]:
-                    found += 1
-                shares[block, found] += 1
-                shares[tree.blocks[b, j], found] += 1
-    return measured
-
-
-@kernel()
-def _count_by_edges(
-    tree: Boxes, a: int, b: int, bins: Bins, own: Buffers, first: int, number: int
-) -> int:
-    """Count the pairs of points of two different leaves; return the number of distances.
-
-    The edges between the bounds of the leaves are edges[first], and so on, `number` of them. Each
-    distance is compared with all of them, for many points at once: distances need no bin.
-    """
-    euclidean, edges, shares, below = bins.euclidean, bins.edges, own.shares, own.below
-    top = edges[edges.size - 2]
-    last = first + number
-    counts = last < edges.size - 1  # not beyond the largest radius
-    node = b
-    a -= tree.filled.size - 1
-    b -= tree.filled.size - 1
-    held = tree.filled[b]
-    for e in range(number):
-        for j in range(held):
-            below[e, j] = 0
-    rows = 0
-    for i in range(tree.filled[a]):
-        near, far = point_bounds(tree, a, i, node, euclidean, own.widest)
-        if near > top:
+        if number < 0:
+            for j in range(begin, held):
+                distance = own.row[j]
+                if distance <= top:
+                    cell = (own.row_bits[j] >> SHIFT) - first_cell
+                    found = bins.first[cell if cell > 0 else 0]
+                    while distance > edges[found]:
+                        found += 1
+                    shares[block, found] += 1
+                    shares[tree.blocks[b, j], found] += 1
             continue
-        block = tree.blocks[a, i]
-        found = bin_of(near, edges)
-        if far <= edges[found]:
-            shares[block, found] += held
-            own.lumps[node, found] += 1
-            continue
-        least = 0.0
-        coordinates = tree.every
-        if not euclidean:
-            least = near
-            coordinates = own.chosen[: _deciding(near, own.widest, own.chosen)]
-        _distances(tree, a, i, b, euclidean, least, coordinates, own.row)
         rows += 1
         before = 0
         for e in range(number):
@@ -155,15 +130,16 @@ def _count_by_edges(
             before = count
         if counts:
             shares[block, last] += held - before
-    for j in range(held):
-        block = tree.blocks[b, j]
-        before = 0
-        for e in range(number):
-            shares[block, first + e] += below[e, j] - before
-            before = below[e, j]
-        if counts:
-            shares[block, last] += rows - before
-    return int(rows * held)
+    if number >= 0:
+        for j in range(held):
+            block = tree.blocks[b, j]
+            before = 0
+            for e in range(number):
+                shares[block, first + e] += below[e, j] - before
+                before = below[e, j]
+            if counts:
+                shares[block, last] += rows - before
+    return int(measured)
 
 
 @kernel(entry=True, nogil=True)
@@ -235,9 +211,8 @@ def count_pairs(
                     break
                 inside += 1
             if a == b or inside > FEW_EDGES:
-                work[_DISTANCES] += _count_leaves(tree, a, b, bins, own)
-            else:
-                work[_DISTANCES] += _count_by_edges(tree, a, b, bins, own, found, inside)
+                inside = -1
+            work[_DISTANCES] += _count_leaves(tree, a, b, bins, own, found, inside)
         elif a == b:
             for i in range(3):
                 stack[height + i, 0] = 2 * a + 1 + i // 2

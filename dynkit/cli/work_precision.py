@@ -23,9 +23,9 @@ from __future__ import annotations
 
 from functools import partial
 
+from dynkit.analysis.work_precision.measurement import cells
 from dynkit.analysis.work_precision.measuring import WorkPrecision
 from dynkit.analysis.work_precision.standard_methods import NAMES, impact_methods
-from dynkit.analysis.work_precision.tables import cells
 from dynkit.cli.options import SYSTEM, Asked, Option, options_of
 from dynkit.cli.output import OUT, aligned, files_of, plotted, print_summary, write
 

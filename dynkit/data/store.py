@@ -15,13 +15,13 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from enum import Enum
 from pathlib import Path
-from typing import Any, Protocol, Self, TypeVar, final
+from typing import Any, Protocol, TypeVar, final
 
 import numpy as np
 from numpy.typing import NDArray
 
 from dynkit.core.overriding import Extensible
-from dynkit.core.parameters import without_cached
+from dynkit.core.parameters import Family, without_cached
 from dynkit.core.user_code import code_of
 from dynkit.data import atomic_files as files
 
@@ -189,20 +189,7 @@ class HasIdentity(Protocol):
         ...
 
 
-class HasParameters(HasIdentity, Protocol):
-    """A system with named parameters, changed by `replace`."""
-
-    @property
-    def parameters(self) -> Mapping[str, float]:
-        """The parameters by name."""
-        ...
-
-    def replace(self, **parameters: float) -> Self:
-        """Return the same system with other values of some parameters."""
-        ...
-
-
-_System = TypeVar("_System", bound=HasParameters)
+_System = TypeVar("_System", bound=Family)
 
 
 def kind_of(system: object) -> str:
@@ -227,7 +214,7 @@ def identity_of(system: HasIdentity) -> dict[str, str]:
     return found
 
 
-def entries_of(system: HasParameters) -> dict[str, str]:
+def entries_of(system: Family) -> dict[str, str]:
     """Return the entries of a store from which `at_parameters` restores the system of a result.
 
     Raises

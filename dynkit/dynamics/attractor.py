@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import time
 from abc import ABC, abstractmethod
+from collections.abc import Callable
 from enum import Enum
 from typing import TYPE_CHECKING, Any, ClassVar, Self, final
 
@@ -30,8 +31,7 @@ from dynkit.data.result import Result, SavedWithSystem
 from dynkit.dynamics.section import PoincareSection
 from dynkit.labels.label import OrbitKind, OrbitLabel
 from dynkit.labels.labelling import Window, label_orbit, settled_label, with_multiplier
-from dynkit.viewer.page import Page
-from dynkit.viewer.section import page_of_section
+from dynkit.viewer.page import Page, page_of_section
 from dynkit.viewer.series import Series, series_of_states
 from dynkit.viewer.viewing import Viewed
 
@@ -325,13 +325,11 @@ class MapAttractor(Attractor, SavedWithSystem):
 
     @cached_property
     def label(self) -> OrbitLabel:
-        orbit = _MapOrbit(self._system, self._states)
-        return orbit.judged(label_orbit(orbit, kept=len(self._states)))
+        return self._labelled(label_orbit)
 
     def label_within(self, budget: int) -> OrbitLabel:
         """Return the label from at most this number of states besides the kept ones."""
-        orbit = _MapOrbit(self._system, self._states)
-        return orbit.judged(label_orbit(orbit, kept=len(self._states), budget=budget))
+        return self._labelled(label_orbit, budget=budget)
 
     def settled_label(self, budget: int = 100_000) -> OrbitLabel:
         """Return the label of the orbit that the motion settles on, also after transient chaos.
@@ -339,8 +337,11 @@ class MapAttractor(Attractor, SavedWithSystem):
         See `dynkit.labels.labelling.settled_label`. The budget is the largest number of states that
         are examined besides the kept ones.
         """
+        return self._labelled(settled_label, budget=budget)
+
+    def _labelled(self, decide: Callable[..., OrbitLabel], **budget: int) -> OrbitLabel:
         orbit = _MapOrbit(self._system, self._states)
-        return orbit.judged(settled_label(orbit, kept=len(self._states), budget=budget))
+        return orbit.judged(decide(orbit, kept=len(self._states), **budget))
 
     @property
     def cost(self) -> Cost:

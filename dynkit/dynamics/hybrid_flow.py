@@ -15,8 +15,8 @@ from dynkit.core.differences import numerical_derivative, parameter_difference
 from dynkit.core.kept import cached_property
 from dynkit.core.no_motion import NoCrossing, TangentCrossing, replaced
 from dynkit.core.validation import Array, finite_array, index_in, of_type, positive, returned
-from dynkit.dynamics.flow import Basis, Crossing, Flow, every_direction
-from dynkit.dynamics.map import Map
+from dynkit.dynamics.flow import Crossing, Flow
+from dynkit.dynamics.return_map import ReturnMap
 
 _TURN = 2.0 * np.pi
 
@@ -145,7 +145,7 @@ class _GuardSurface:
 
 @final
 @dataclass(frozen=True, eq=False)
-class ResetMap(Map):
+class ResetMap(ReturnMap):
     """The map of a hybrid flow from the state after one jump to the state after the next.
 
     Its states are those of the flow, (d,). A disturbance along the flow changes only the time of
@@ -223,26 +223,11 @@ class ResetMap(Map):
     def replace(self, **parameters: float) -> Self:
         return dataclasses.replace(self, flow=self.flow.replace(**parameters))
 
-    @property
-    def accuracy(self) -> float:
-        """Error of one call, relative to the size of the state: the flow's accuracy."""
-        return self.flow.accuracy
-
     def difference(self, a: Array, b: Array) -> Array:
         gap = super().difference(a, b)
         turning = list(self.angles)
         gap[..., turning] -= _TURN * np.rint(gap[..., turning] / _TURN)
         return gap
-
-    def call_errors(self, states: Array) -> Array:
-        """Return errors (n,) of the calls of states (n, d), by disturbed motions."""
-        found = []
-        for state in states:
-            hit = self.crossing(state)
-            path = self.flow._path(state, hit.time)
-            after = self._saltation(hit, np.eye(self.dimension))
-            found.append(self.flow._carried_error(path, hit.time, after))
-        return np.maximum(super().call_errors(states), found)
 
     @cached_property
     def _surface(self) -> Any:
@@ -270,75 +255,25 @@ class ResetMap(Map):
                 return Crossing(time, here)
         raise NoCrossing(f"no jump within {self.time_limit}")
 
-    def __call__(self, state: Array) -> Array:
-        return self._landed(self.crossing(state))
-
     def _landed(self, hit: Crossing) -> Array:
         state = returned(self.flow, self.flow.reset(hit.state), self.dimension, ".reset").copy()
         turning = list(self.angles)
         state[turning] = in_turn(state[turning])
         return state
 
-    def return_time(self, state: Array) -> float:
-        """Return the time from a state, (d,), to the next jump."""
-        return self.crossing(state).time
-
-    def jacobian_factors(self, state: Array) -> tuple[Array, Array]:
-        """Return derivatives (n, d, d) over parts of the motion, and errors of entries.
-
-        The last one includes the saltation: the change of the time of the jump, and the reset.
-
-        Raises
-        ------
-        TangentCrossing
-            When the motion is tangent to the guard at the jump.
-        NoCrossing, ValueError
-            As the call itself.
-        """
-        return self._factors(state, self.crossing(state))
-
-    def _factors(self, state: Array, hit: Crossing) -> tuple[Array, Array]:
-        identity = np.eye(self.dimension)
-        return self._chained(state, hit, identity, every_direction, self._saltation(hit, identity))
-
     def orbit_factors(self, state: Array, following: Array) -> tuple[Array, Array]:
         """Return the `jacobian_factors` without the direction along the flow, (n, d - 1, d - 1)."""
-        hit = self.crossing(state)
-        last = self._frame(following).T @ self._saltation(hit, np.eye(self.dimension))
-        return self._chained(state, hit, self._frame(state), self._frame, last)
+        last = self._frame(following).T
+        return self._chained(state, self.crossing(state), self._frame(state), last, self._frame)
 
-    def _chained(
-        self, state: Array, hit: Crossing, begin: Array, across: Basis, last: Array
-    ) -> tuple[Array, Array]:
-        here = finite_array("state", state, (self.dimension,))
-        return self.flow._framed(here, hit.time, begin, across, last)
-
-    def _pushed(self, state: Array, direction: Array) -> tuple[Array, Array]:
-        hit = self.crossing(state)
-        change = self.flow.derivative(state, hit.time) @ direction
-        return self._landed(hit), self._saltation(hit, change[:, None])[:, 0]
+    def _frame(self, state: Array) -> Array:
+        return self._across(state)
 
     @property
     def _framed(self) -> bool:
         return True
 
-    @property
-    def _by_differences(self) -> bool:
-        return self.flow._by_differences
-
-    def _followed(
-        self,
-        state: Array,
-        most: int,  # noqa: ARG002 (returns are followed one by one)
-    ) -> tuple[Array, list[tuple[Array, Array]], Sequence[float]]:
-        hit = self.crossing(state)
-        return self._landed(hit), [self._factors(state, hit)], [hit.time]
-
-    def _frame(self, state: Array) -> Array:
-        velocity = self.flow.velocity(state)
-        return np.linalg.qr(velocity[:, None], mode="complete")[0][:, 1:]
-
-    def _saltation(self, hit: Crossing, change: Array, of_guard: float = 0.0) -> Array:
+    def _after(self, hit: Crossing, change: Array, of_guard: float = 0.0) -> Array:
         """Return changes (d, k) after the jump for changes (d, k) at a fixed time before it.
 
         `of_guard` is the change of the guard at a fixed state, by a parameter.
@@ -365,5 +300,5 @@ class ResetMap(Map):
         hit, here = self.crossing(state), finite_array("state", state, (self.dimension,))
         change = self.flow.parameter_derivative(here, hit.time, name)[:, None]
         of_guard = self.flow.guard_parameter_derivative(hit.state, name)
-        moved = self._saltation(hit, change, of_guard)[:, 0]
+        moved = self._after(hit, change, of_guard)[:, 0]
         return moved + self.flow.reset_parameter_derivative(hit.state, name)

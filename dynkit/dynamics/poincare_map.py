@@ -1,14 +1,17 @@
 """Poincare maps: a flow and a section."""
 
+from __future__ import annotations
+
 import dataclasses
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any, Self, final
+from typing import TYPE_CHECKING, Any, Self, final
 
 import numpy as np
 
+from dynkit.core.differences import numerical_derivative, parameter_difference
 from dynkit.core.kept import cached_property
-from dynkit.core.no_motion import NoCrossing, Refused, TangentCrossing
+from dynkit.core.no_motion import NoCrossing, Refused, TangentCrossing, replaced
 from dynkit.core.validation import (
     Array,
     check_fields,
@@ -19,11 +22,133 @@ from dynkit.core.validation import (
     one_of,
     positive,
 )
-from dynkit.dynamics.flow import Basis, Crossing, Flow, flow_coordinates
+from dynkit.dynamics.flow import Crossing, Flow, flow_coordinates
 from dynkit.dynamics.hybrid_flow import smooth
-from dynkit.dynamics.level import Level
-from dynkit.dynamics.map import Map
+from dynkit.dynamics.return_map import ReturnMap
 from dynkit.dynamics.section import PoincareSection, Stroboscope
+
+if TYPE_CHECKING:
+    from dynkit.dynamics.section import PoincareSection
+
+
+# Largest number of Newton's steps, and the rounding of an integral relative to its terms.
+_STEPS, _ROUNDINGS = 50, 4.0 * 2.0**-52
+# A change of an integral along a motion up to this, relative to its terms, is an error of the flow.
+_DRIFT = 1e-6
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class Level:
+    """States of a section at which a first integral of a flow has a given value.
+
+    A state r near the level is moved onto the level along the gradient g of the integral at the
+    state: the result is r + c g(r). In the terms of the reference, the multiple c is the unfolding
+    parameter, and the value of the integral is the additional equation. On the level c is zero.
+
+    Parameters
+    ----------
+    flow : Flow
+    section : PoincareSection
+    name : str
+        One of the flow's `integrals`.
+    value : float
+
+    References
+    ----------
+    F. J. Munoz-Almaraz, E. Freire, J. Galan, E. Doedel, A. Vanderbauwhede, Continuation of periodic
+    orbits in conservative and Hamiltonian systems, Physica D 181 (2003) 1-38.
+    """
+
+    flow: Flow
+    section: PoincareSection
+    name: str
+    value: float
+
+    def gradient(self, reduced: Array) -> Array:
+        """Return the derivative, (d - 1,), of the integral by coordinates of the section."""
+        full = self.flow.integral_gradient(self.name, self.section.lift(reduced))
+        return np.asarray(self.section.lift_derivative(reduced).T @ full)
+
+    def onto(self, reduced: Array) -> tuple[Array, float]:
+        """Return the state on the level, (d - 1,), and the multiple c of the gradient.
+
+        Raises
+        ------
+        Refused
+            When there is no state of this level along the gradient.
+        """
+        way, here, multiple = self.gradient(reduced), reduced, 0.0
+        for _ in range(_STEPS):
+            full = self.section.lift(here)
+            off = self.value - self.flow.integral(self.name, full)
+            terms = abs(self.flow.integral_gradient(self.name, full)) @ abs(full)
+            if abs(off) <= _ROUNDINGS * float(terms + abs(self.value)):
+                return here, multiple
+            slope = float(way @ self.gradient(here))
+            if slope == 0.0 or not np.isfinite(off / slope):
+                break
+            multiple += off / slope
+            here = reduced + multiple * way
+        raise Refused(f"no state with {self.name} {self.value!r} is near {reduced.tolist()}")
+
+    def require_constant(self, arrived: Array) -> None:
+        """Raise ValueError if the integral has another value after a motion from the level."""
+        value = self.flow.integral(self.name, arrived)
+        terms = abs(self.flow.integral_gradient(self.name, arrived)) @ abs(arrived)
+        most = max(_DRIFT, self.flow.accuracy**0.5) * float(terms + abs(self.value))
+        if abs(value - self.value) > most:
+            raise ValueError(
+                f"{self.name} must be constant along motions, as one of the integrals; it went "
+                f"from {self.value:.6g} to {value:.6g}, at {arrived.tolist()}"
+            )
+
+    def derivative(self, reduced: Array) -> Array:
+        """Return the derivative, (d - 1, d - 1), of the state on the level by the state."""
+        here, multiple = self.onto(reduced)
+        bent = np.eye(len(reduced))
+        if self._is_off(reduced, here):
+            bent += multiple * numerical_derivative(self.gradient, reduced)[0]
+        along, rows = self._along(reduced, here)
+        return bent - np.outer(along, rows @ bent)
+
+    def by_parameter(self, reduced: Array, parameter: str) -> Array:
+        """Return the derivative, (d - 1,), of the state on the level by a parameter.
+
+        The value of the integral is a parameter, too, with the integral's name.
+        """
+        here, multiple = self.onto(reduced)
+        along, rows = self._along(reduced, here)
+        if parameter == self.name:
+            return along
+        moved = np.zeros(len(reduced))
+        if self._is_off(reduced, here):
+            moved = multiple * parameter_difference(
+                lambda value: Level(
+                    replaced(self.flow, **{parameter: value}), self.section, self.name, self.value
+                ).gradient(reduced),
+                self.flow.value_of(parameter),
+            )
+        full = self.section.lift(here)
+        change = self.flow.integral_parameter_derivative(self.name, full, parameter)
+        return np.asarray(moved - along * (change + float(rows @ moved)))
+
+    def _is_off(self, reduced: Array, here: Array) -> bool:
+        """Whether the state is off the level by more than errors of the flow."""
+        return float(abs(here - reduced).max()) > self.flow.accuracy * float(abs(here).max())
+
+    def _along(self, reduced: Array, here: Array) -> tuple[Array, Array]:
+        """Return the derivative of the state on the level by the value of the integral.
+
+        Return also the gradient, (d - 1,), of the integral at the state on the level, `here`.
+        """
+        way, rows = self.gradient(reduced), self.gradient(here)
+        return way / float(way @ rows), rows
+
+    def frame(self, here: Array) -> Array:
+        """Return orthonormal directions, (d - 1, d - 2), of the section within the level."""
+        return np.linalg.qr(self.gradient(here)[:, None], mode="complete")[0][:, 1:]
+
 
 # Times that differ by less than this fraction of the period are equal.
 _CLOSED = 1e-6
@@ -31,7 +156,7 @@ _CLOSED = 1e-6
 
 @final
 @dataclass(frozen=True, eq=False)
-class PoincareMap(Map):
+class PoincareMap(ReturnMap):
     """The map from one crossing of a section to the next: a flow and a section.
 
     Its states are coordinates on the section: d - 1 for a flow of dimension d.
@@ -133,32 +258,11 @@ class PoincareMap(Map):
     def _level(self) -> Level | None:
         return self.level and Level(self.flow, self.section, *self.level)
 
-    @property
-    def accuracy(self) -> float:
-        """Error of one call, relative to the size of the state: the flow's accuracy."""
-        return self.flow.accuracy
-
-    def call_errors(self, states: Array) -> Array:
-        """Return errors (n,) of the calls of states (n, d - 1), by disturbed motions.
-
-        They include disturbances that grow after a crossing and shrink again before the next.
-        """
-        found = []
-        for state in states:
-            hit, path = self._way(state)
-            across = self._on_section(hit, np.eye(self.flow.dimension))
-            found.append(self.flow._carried_error(path, hit.time, across))
-        return np.maximum(super().call_errors(states), found)
-
     def _reach(self, states: Array) -> float:
         ways = (self._way(state)[1] for state in states)
         return float(
             max(abs(self.section.reduce(at)).max(initial=0.0) for way in ways for at in way)
         )
-
-    def _way(self, state: Array) -> tuple[Crossing, Array]:
-        hit = self.crossing(state)
-        return hit, self.flow._path(self._lifted(state), hit.time)
 
     def difference(self, a: Array, b: Array) -> Array:
         return self.section.difference(a, b)
@@ -231,32 +335,6 @@ class PoincareMap(Map):
             self._level.require_constant(hit.state)
         return hit
 
-    def __call__(self, state: Array) -> Array:
-        return self.section.reduce(self.crossing(state).state)
-
-    def return_time(self, state: Array) -> float:
-        """Return the time from a point of the section, (d - 1,), to the next crossing."""
-        return self.crossing(state).time
-
-    def jacobian_factors(self, state: Array) -> tuple[Array, Array]:
-        """Return derivatives (n, d - 1, d - 1) over parts of the return, and errors of entries.
-
-        The derivatives include the change of the crossing time. At the end of a part, disturbances
-        are projected across the flow: a disturbance along the flow changes the time of the return
-        and not the state. In each part, every disturbance across the flow grows by at least a
-        sixteenth of the largest growth of any disturbance, those along the flow included. The
-        errors are proportional to that largest growth; a projected factor may be smaller than its
-        error.
-
-        Raises
-        ------
-        TangentCrossing
-            When the flow is tangent to the section at the crossing.
-        NoCrossing, ValueError
-            As the call itself.
-        """
-        return self._factors(state, self.crossing(state))
-
     def orbit_factors(self, state: Array, following: Array) -> tuple[Array, Array]:
         """Return the `jacobian_factors`; on a level those of disturbances within the level.
 
@@ -272,49 +350,10 @@ class PoincareMap(Map):
         end = self._level.frame(self._onto(following)).T
         return self._chained(state, hit, begin, end, self._across_on_level)
 
-    @property
-    def _by_differences(self) -> bool:
-        return self.flow._by_differences
-
-    def _factors(self, state: Array, hit: Crossing) -> tuple[Array, Array]:
-        return self._chained(state, hit, self._begin(state), None, self._across)
-
     def _begin(self, state: Array) -> Array:
         """Return the derivative, (d, d - 1), of the full state by the coordinates."""
         begin = self.section.lift_derivative(self._onto(state))
         return begin if self._level is None else begin @ self._level.derivative(state)
-
-    def _chained(
-        self, state: Array, hit: Crossing, begin: Array, last: Array | None, across: Basis
-    ) -> tuple[Array, Array]:
-        """Return factors over parts of the return, from `begin` (d, k) to `last` (k, d - 1).
-
-        By default `last` is the identity.
-        """
-        arrived = self._on_section(hit, np.eye(self.flow.dimension))
-        end = arrived if last is None else last @ arrived
-        return self.flow._framed(self._lifted(state), hit.time, begin, across, end)
-
-    def _followed(
-        self,
-        state: Array,
-        most: int,  # noqa: ARG002 (returns are followed one by one)
-    ) -> tuple[Array, list[tuple[Array, Array]], Sequence[float]]:
-        hit = self.crossing(state)
-        return self.section.reduce(hit.state), [self._factors(state, hit)], [hit.time]
-
-    def _pushed(self, state: Array, direction: Array) -> tuple[Array, Array]:
-        """Return the next state and the direction, by one derivative over the whole return.
-
-        The return need not be divided into parts: the direction turns to the one that grows most.
-        """
-        hit, moved = self.crossing(state), self._begin(state) @ direction
-        change = self.flow.derivative(self._lifted(state), hit.time) @ moved
-        return self.section.reduce(hit.state), self._on_section(hit, change[:, None])[:, 0]
-
-    def _across(self, state: Array) -> Array:
-        """Return orthonormal directions, (d, d - 1), across the flow at a state."""
-        return np.linalg.qr(self.flow.velocity(state)[:, None], mode="complete")[0][:, 1:]
 
     def _across_on_level(self, state: Array) -> Array:
         """Return orthonormal directions, (d, d - 2), within the level across the flow."""
@@ -322,6 +361,12 @@ class PoincareMap(Map):
         gradient = self.flow.integral_gradient(self.level[0], state)
         both = np.column_stack([self.flow.velocity(state), gradient])
         return np.linalg.qr(both, mode="complete")[0][:, 2:]
+
+    def _basis(self, state: Array) -> Array:
+        return self._across(state)
+
+    def _landed(self, hit: Crossing) -> Array:
+        return self.section.reduce(hit.state)
 
     def _onto(self, state: Array) -> Array:
         return state if self._level is None else self._level.onto(state)[0]
@@ -351,9 +396,9 @@ class PoincareMap(Map):
             onto = self.section.lift_derivative(self._onto(state))
             moved = onto @ self._level.by_parameter(state, name)
             change = change + self.flow.derivative(start, hit.time) @ moved
-        return self._on_section(hit, change[:, None])[:, 0]
+        return self._after(hit, change[:, None])[:, 0]
 
-    def _on_section(self, hit: Crossing, change: Array) -> Array:
+    def _after(self, hit: Crossing, change: Array) -> Array:
         """Return the changes (d - 1, k) on the section for changes (d, k) at a fixed time."""
         velocity = self.flow.velocity(hit.state)
         gradient = self.section.gradient(hit.state)

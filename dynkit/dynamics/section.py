@@ -84,8 +84,25 @@ class PoincareSection(Extensible, ABC):
         return np.asarray(a, dtype=np.float64) - np.asarray(b, dtype=np.float64)
 
 
+class _Charted(PoincareSection):
+    """A section on which some coordinates are angles."""
+
+    _direction = 1
+    _angles: list[int]
+
+    @property
+    def direction(self) -> int:
+        return self._direction
+
+    def difference(self, a: Array, b: Array) -> Array:
+        return _shortest(super().difference(a, b), self._angles)
+
+    def _checked(self, state: Array) -> Array:
+        return finite_array("state", state, (self.dimension,))
+
+
 @final
-class Hyperplane(PoincareSection):
+class Hyperplane(_Charted):
     """The plane ``normal @ state = offset``, with an orthonormal chart.
 
     The value is the signed distance to the plane. For a plane normal to a coordinate axis the chart
@@ -147,10 +164,6 @@ class Hyperplane(PoincareSection):
     def dimension(self) -> int:
         return int(self._unit.size)
 
-    @property
-    def direction(self) -> int:
-        return self._direction
-
     def value(self, state: Array) -> float:
         return float(self._unit @ self._checked(state)) - self._distance
 
@@ -175,15 +188,9 @@ class Hyperplane(PoincareSection):
         finite_array("reduced", reduced, (self.dimension - 1,))
         return self._chart.T.copy()
 
-    def difference(self, a: Array, b: Array) -> Array:
-        return _shortest(super().difference(a, b), self._angles)
-
     def __repr__(self) -> str:
         place = f"{self._unit.tolist()}, {self._distance}, {self._direction:+d}"
         return f"Hyperplane({place}{self._shown})"
-
-    def _checked(self, state: Array) -> Array:
-        return finite_array("state", state, (self.dimension,))
 
     def _places_of(self, angles: Sequence[int], normal: Array) -> list[int]:
         """Return the indices, in the chart, of coordinates along which the normal is zero."""
@@ -199,7 +206,7 @@ class Hyperplane(PoincareSection):
 
 
 @final
-class Stroboscope(PoincareSection):
+class Stroboscope(_Charted):
     """The states with a given phase, modulo 2 pi: a strobe light that flashes once a period.
 
     The phase of a flow that is driven in time is the last coordinate, and it grows. The value is
@@ -243,10 +250,6 @@ class Stroboscope(PoincareSection):
     def dimension(self) -> int:
         return self._dimension
 
-    @property
-    def direction(self) -> int:
-        return 1
-
     def value(self, state: Array) -> float:
         return math.sin(float(self._checked(state)[-1]) - self._phase)
 
@@ -271,14 +274,8 @@ class Stroboscope(PoincareSection):
         finite_array("reduced", reduced, (self._dimension - 1,))
         return np.eye(self._dimension, self._dimension - 1)
 
-    def difference(self, a: Array, b: Array) -> Array:
-        return _shortest(super().difference(a, b), self._angles)
-
     def __repr__(self) -> str:
         return f"Stroboscope({self._dimension}, {self._phase}{self._shown})"
-
-    def _checked(self, state: Array) -> Array:
-        return finite_array("state", state, (self._dimension,))
 
 
 def _indices(angles: Sequence[int], count: int) -> list[int]:

@@ -217,8 +217,14 @@ class OrbitLabel:
 
 # --- labels of many motions as columns of numbers, which a store keeps ----------------------------
 
+_NUMBERS = "iterates", "periods", "simulated", "curves"
+_SIZES = (
+    *("tolerance", "recurrence", "chance"),
+    *("multiplier", "multiplier_error", "rotation_number", "rotation_error"),
+)
+
 COLUMNS: dict[str, tuple[str, tuple[int | None, ...]]]
-COLUMNS = {"kind": ("i", ()), "numbers": ("i", (4,)), "sizes": ("f", (7,))}
+COLUMNS = {"kind": ("i", ()), "numbers": ("i", (len(_NUMBERS),)), "sizes": ("f", (len(_SIZES),))}
 """Columns that `empty_columns` returns: kind of the numbers, and shape of a row."""
 
 KINDS = tuple(OrbitKind)
@@ -229,38 +235,20 @@ def empty_columns(count: int, kind: int) -> dict[str, Any]:
     """Return the columns of `count` motions, all with the same number of kind, for `put_label`."""
     return {
         "kind": np.full(count, kind, dtype=np.int64),
-        "numbers": np.zeros((count, 4), dtype=np.int64),  # n and m of P(n,m), simulated, curves
-        # tolerance, recurrence, chance; multiplier and rotation number, each with its error
-        "sizes": np.full((count, 7), np.nan),
+        "numbers": np.zeros((count, len(_NUMBERS)), dtype=np.int64),  # 0 for no iterates or periods
+        "sizes": np.full((count, len(_SIZES)), np.nan),
     }
 
 
 def put_label(columns: Mapping[str, Any], place: int, label: OrbitLabel) -> None:
     """Write a label into row `place` of the columns, in place."""
     columns["kind"][place] = KINDS.index(label.kind)
-    counts = label.iterates or 0, label.periods or 0, label.simulated, label.curves
-    columns["numbers"][place] = counts
-    sizes = label.tolerance, label.recurrence, label.chance, label.multiplier
-    rotation = label.rotation_number, label.rotation_error
-    columns["sizes"][place] = *sizes, label.multiplier_error, *rotation
+    columns["numbers"][place] = [getattr(label, name) or 0 for name in _NUMBERS]
+    columns["sizes"][place] = [getattr(label, name) for name in _SIZES]
 
 
 def label_in(columns: Mapping[str, Any], place: int, kind: OrbitKind) -> OrbitLabel:
     """Return the label of this kind in row `place` of the columns, with its stability."""
     n, m, simulated, curves = columns["numbers"][place].tolist()
-    tolerance, recurrence, chance, *others = columns["sizes"][place].tolist()
-    multiplier, multiplier_error, rotation_number, rotation_error = others
-    return OrbitLabel(
-        kind,
-        n or None,
-        m or None,
-        tolerance,
-        recurrence,
-        simulated,
-        chance=chance,
-        multiplier=multiplier,
-        multiplier_error=multiplier_error,
-        rotation_number=rotation_number,
-        rotation_error=rotation_error,
-        curves=curves,
-    )
+    sizes = dict(zip(_SIZES, columns["sizes"][place].tolist(), strict=True))
+    return OrbitLabel(kind, n or None, m or None, simulated=simulated, curves=curves, **sizes)

@@ -19,8 +19,7 @@ from dynkit.orbits.equations import Problem, ProblemSolution
 from dynkit.orbits.multiplier_errors import multiplier_errors
 from dynkit.orbits.solving import orbit_bound
 from dynkit.orbits.spectrum import Spectrum
-from dynkit.viewer.page import Page
-from dynkit.viewer.section import page_of_section
+from dynkit.viewer.page import Page, page_of_section
 from dynkit.viewer.series import Series, series_of_states
 from dynkit.viewer.viewing import Viewed
 

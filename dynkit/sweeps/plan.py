@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import json
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any, ClassVar, Self
 
 import numpy as np
 
+from dynkit.core.kept import cached_property
 from dynkit.core.validation import Array, finite_array, non_negative_integer, positive_integer
 from dynkit.data.store import identity_of, kind_of
 from dynkit.dynamics.attractor import Attractor
@@ -26,11 +27,11 @@ class Plan:
     Parameters
     ----------
     system : Map or None
-        The system at the first values; None for a result that was loaded without its system.
+        At any values of the parameters; None for a result that was loaded without its system.
     kind : str
         Full name of the system's class.
-    names : tuple of str
-        The parameters.
+    names, begin : tuple of str, tuple of float
+        The parameters, and their first values.
     transient, keep : int
     observables : tuple of str
     start : array
@@ -43,6 +44,7 @@ class Plan:
     system: Map | None
     kind: str
     names: tuple[str, ...]
+    begin: tuple[float, ...]
     transient: int
     keep: int
     observables: tuple[str, ...]
@@ -68,29 +70,31 @@ class Plan:
         ValueError
             When an argument is refused, or the system has no default start and none is given.
         """
-        first = system.replace(**{name: float(axis[0]) for name, axis in values.items()})
+        begin = {name: float(axis[0]) for name, axis in values.items()}
         if start is None and system.default_start is None:
             raise ValueError(f"start must be a state of the map, ({system.dimension},); got None")
         return cls(
-            system=first,
+            system=system,
             kind=kind_of(system),
-            names=tuple(values),
+            names=tuple(begin),
+            begin=tuple(begin.values()),
             transient=non_negative_integer("transient", transient),
             keep=positive_integer("keep", keep),
             observables=_known_names(system.observables, observables),
-            start=np.empty(0) if start is None else first.pack_state(start),
+            start=np.empty(0) if start is None else system.replace(**begin).pack_state(start),
             **own,
         )
 
     @classmethod
     def stored(
-        cls, entries: Mapping[str, str], names: Sequence[str], start: Array, **own: Any
+        cls, entries: Mapping[str, str], values: Mapping[str, Array], start: Array, **own: Any
     ) -> Self:
         """Return the plan of the entries of a store, without its system."""
         return cls(
             system=None,
             kind=entries["system"],
-            names=tuple(names),
+            names=tuple(values),
+            begin=tuple(float(axis[0]) for axis in values.values()),
             transient=int(entries["transient"]),
             keep=int(entries["keep"]),
             observables=tuple(json.loads(entries["observables"])),
@@ -98,24 +102,19 @@ class Plan:
             **own,
         )
 
-    def with_system(self, system: Map, values: Sequence[Array]) -> Self:
-        """Return the plan with its system, at any values of the parameters."""
-        first = {name: float(axis[0]) for name, axis in zip(self.names, values, strict=True)}
-        return replace(self, system=system.replace(**first), kind=kind_of(system))
-
     @property
     def columns(self) -> Columns:
         """Kinds of numbers and shapes of the rows, by name."""
         raise NotImplementedError
 
-    @property
+    @cached_property
     def first(self) -> Map:
         """The system at the first values."""
         if self.system is None:
             raise ValueError(
                 f"system must be given to load a {self.KIND} that is to simulate; got None"
             )
-        return self.system
+        return self.system.replace(**dict(zip(self.names, self.begin, strict=True)))
 
     def entries(self, **own: str) -> dict[str, str]:
         """Return the texts of a store that identify the simulations."""

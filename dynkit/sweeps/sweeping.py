@@ -8,7 +8,7 @@ import time
 from collections import Counter
 from collections.abc import Sequence
 from concurrent.futures import Executor
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import partial
 from typing import TYPE_CHECKING, Any, ClassVar, final
 
@@ -28,8 +28,9 @@ from dynkit.dynamics.map import Map
 from dynkit.engine.collecting import MOST_POINTS, Anything, Columns, Findings, Points, Rows, collect
 from dynkit.labels.label import OrbitKind, OrbitLabel
 from dynkit.sweeps.plan import Plan, swept_values
-from dynkit.sweeps.swept import Swept
-from dynkit.viewer.page import Page
+from dynkit.sweeps.swept import NO_SYSTEM, Swept
+from dynkit.viewer.page import Page, page_of_motions
+from dynkit.viewer.series import Series
 from dynkit.viewer.viewing import Viewed
 
 if TYPE_CHECKING:
@@ -370,9 +371,9 @@ class Sweep(Viewed, Swept):
         entries = archive.entries
         arrays = arrays_of(archive, {"given/values": ("f", 1), "given/start": ("f", 1)})
         follow = {"True": True, "False": False}[entries["follow"]]
-        start = arrays["given/start"]
-        plan = SweepPlan.stored(entries, [entries["parameter"]], start, follow=follow)
-        return plan, (arrays["given/values"],)
+        values, start = arrays["given/values"], arrays["given/start"]
+        plan = SweepPlan.stored(entries, {entries["parameter"]: values}, start, follow=follow)
+        return plan, (values,)
 
     @classmethod
     def _of(cls, plan: SweepPlan, values: Sequence[Array], rows: Rows) -> Sweep:
@@ -487,9 +488,29 @@ class Sweep(Viewed, Swept):
         return draw_diagram(ax, self.values, self.observable(name), titles)
 
     def _page(self, motions: int) -> Page:
-        from dynkit.sweeps.viewing import page_of
+        name = self.observables[0]
+        numbers = self.observable(name)
+        place, column = np.nonzero(~np.isnan(numbers))
+        title, names = f"Sweep of {self.parameter}", (self.parameter, name)
+        dots = place, self.values[place], numbers[place, column]
+        page = page_of_motions(title, names, len(self), *dots)
 
-        return page_of(self, motions)
+        def series(at: int) -> Series:
+            attractor = self.attractor(at)
+            self._labels[at] = attractor.label
+            return attractor._series()
+
+        loaded = self._plan.system is None
+        page = page.noting(NO_SYSTEM) if loaded else page.with_series(motions, series)
+        labels = [self._labels[at].name if at in self._labels else "" for at in range(len(self))]
+        facts = {
+            self.parameter: self.values,
+            "label": labels,
+            "kept states": self.counts.astype(float),
+            "ending": list(self.endings),
+            "displaced": ["from an unstable orbit" if moved else "" for moved in self.displaced],
+        }
+        return replace(page, facts=facts)
 
     def dataset(self) -> Dataset:
         """Return the observables as a dataset over the parameter and ``state``, the kept states.

@@ -6,6 +6,7 @@ import math
 import os
 from abc import abstractmethod
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import Any, ClassVar, Self
 
 from dynkit.core.smooth_map import checked_map
@@ -14,6 +15,9 @@ from dynkit.data import atomic_files as files, store
 from dynkit.data.result import Result
 from dynkit.dynamics.map import Map
 from dynkit.engine.collecting import Rows, read_rows, refuse_misfits, refuse_other, save_rows
+
+NO_SYSTEM = "The result was loaded without its system: the page has no time series."
+"""Note of a page without motions."""
 
 
 class Swept(Result):
@@ -76,7 +80,7 @@ class Swept(Result):
                     raise ValueError(
                         f"store {file} was made with parameter {name}; got a system without it"
                     )
-            plan = plan.with_system(system, values)
+            plan = replace(plan, system=system, kind=store.kind_of(system))
             refuse_other(file, plan.points(*values), archive)
         if not found.done.all():
             what, each = cls._words

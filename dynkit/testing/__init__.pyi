@@ -51,16 +51,6 @@ from .maps import (
     parameter_derivatives_are_right as parameter_derivatives_are_right,
     replace_changes_what_is_named as replace_changes_what_is_named,
 )
-from .poincare_maps import (
-    PoincareMapCheck as PoincareMapCheck,
-    check_poincare_map as check_poincare_map,
-    crossing_goes_in_the_direction as crossing_goes_in_the_direction,
-    crossing_is_the_first as crossing_is_the_first,
-    crossing_is_where_the_flow_is as crossing_is_where_the_flow_is,
-    crossing_lands_on_the_section as crossing_lands_on_the_section,
-    poincare_map_checks as poincare_map_checks,
-    time_limit_is_kept as time_limit_is_kept,
-)
 from .problems import (
     ProblemCheck as ProblemCheck,
     check_problem as check_problem,
@@ -82,13 +72,21 @@ from .requirements import (
     numerical_derivative as numerical_derivative,
 )
 from .sections import (
+    PoincareMapCheck as PoincareMapCheck,
     SectionCheck as SectionCheck,
+    check_poincare_map as check_poincare_map,
     check_section as check_section,
+    crossing_goes_in_the_direction as crossing_goes_in_the_direction,
+    crossing_is_the_first as crossing_is_the_first,
+    crossing_is_where_the_flow_is as crossing_is_where_the_flow_is,
+    crossing_lands_on_the_section as crossing_lands_on_the_section,
     lift_lands_on_the_section as lift_lands_on_the_section,
+    poincare_map_checks as poincare_map_checks,
     reduce_inverts_lift as reduce_inverts_lift,
     section_checks as section_checks,
     section_derivatives_are_right as section_derivatives_are_right,
     section_has_dimension_and_direction as section_has_dimension_and_direction,
     section_is_pure as section_is_pure,
     section_refuses_bad_states as section_refuses_bad_states,
+    time_limit_is_kept as time_limit_is_kept,
 )

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from dynkit.core.validation import positive
-from dynkit.systems.symbolic.hybrid import SymbolicHybridFlow
+from dynkit.systems.symbolic.flows import SymbolicHybridFlow
 
 
 @dataclass(frozen=True)

@@ -67,17 +67,12 @@ def two_product(a: Array, b: Array) -> DoubleDouble:
     >>> Fraction(float(square.high[0])) + Fraction(float(square.low[0])) == Fraction(0.1) ** 2
     True
     """
-    return _product_of_split(a, split(a), b, split(b))
-
-
-def _product_of_split(
-    a: Array, a_parts: tuple[Array, Array], b: Array, b_parts: tuple[Array, Array]
-) -> DoubleDouble:
+    (a_top, a_rest), (b_top, b_rest) = split(a), split(b)
     product = a * b
-    error = a_parts[0] * b_parts[0] - product
-    error += a_parts[0] * b_parts[1]
-    error += a_parts[1] * b_parts[0]
-    error += a_parts[1] * b_parts[1]
+    error = a_top * b_top - product
+    error += a_top * b_rest
+    error += a_rest * b_top
+    error += a_rest * b_rest
     return DoubleDouble(product, error)
 
 

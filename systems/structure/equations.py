@@ -16,10 +16,9 @@ import numpy as np
 
 from dynkit.core.kept import cached_property
 from dynkit.core.validation import Array
-from dynkit.systems.structure.definiteness import check_definite
 from dynkit.systems.structure.energies import expression_of, shown, symbols
 from dynkit.systems.structure.modes import Derivation
-from dynkit.systems.structure.symmetric import SymmetricMatrix
+from dynkit.systems.structure.symmetric import SymmetricMatrix, check_definite
 
 if TYPE_CHECKING:
     import sympy

@@ -16,10 +16,9 @@ from dynkit.core.parameters import cached_in, without_cached
 from dynkit.core.reprs import Facts, Shown
 from dynkit.core.user_code import reading_of
 from dynkit.core.validation import Array, positive_integer
-from dynkit.systems.structure.definiteness import check_definite, check_semidefinite
 from dynkit.systems.structure.energies import quadratic_form, symbols
 from dynkit.systems.structure.modes import Derivation, Modes
-from dynkit.systems.structure.symmetric import SymmetricMatrix
+from dynkit.systems.structure.symmetric import SymmetricMatrix, check_definite, check_semidefinite
 
 if TYPE_CHECKING:
     import sympy

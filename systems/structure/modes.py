@@ -15,7 +15,6 @@ from dynkit.core.reprs import span
 from dynkit.core.validation import Array, finite_array
 from dynkit.data.dataset import Dataset, described
 from dynkit.data.result import Saved
-from dynkit.systems.structure.definiteness import check_definite, check_semidefinite
 from dynkit.systems.structure.double_double import (
     ROUNDING,
     DoubleDouble,
@@ -26,8 +25,12 @@ from dynkit.systems.structure.double_double import (
     square_root,
 )
 from dynkit.systems.structure.refinement import Eigenpairs, refine
-from dynkit.systems.structure.symmetric import SymmetricMatrix
-from dynkit.systems.structure.traction import Traction
+from dynkit.systems.structure.symmetric import (
+    SymmetricMatrix,
+    Traction,
+    check_definite,
+    check_semidefinite,
+)
 
 # Larger ratios of damping to stiffness or mass may overflow; then `proportional` is decided by the
 # modal matrix.

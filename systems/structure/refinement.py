@@ -70,16 +70,6 @@ class Eigenpairs:
 
 
 @dataclass(frozen=True, eq=False)
-class _Residuals:
-    """Results of one product with K and one with M for approximate eigenvectors."""
-
-    values: DoubleDouble  # Rayleigh quotients, (N,)
-    squares: DoubleDouble  # x'Mx, (N,)
-    residuals: Array  # K x - lambda M x, (N, N), rounded from double-double
-    moved: Array  # M x, (N, N), rounded
-
-
-@dataclass(frozen=True, eq=False)
 class _Step:
     """One step of refinement, before the eigenvectors are changed."""
 
@@ -140,7 +130,10 @@ def _first_approximation(stiffness: SymmetricMatrix, mass: SymmetricMatrix) -> A
     return np.ascontiguousarray(vectors / lengths[:, None])
 
 
-def _residuals(stiffness: SymmetricMatrix, mass: SymmetricMatrix, x: Array) -> _Residuals:
+def _residuals(
+    stiffness: SymmetricMatrix, mass: SymmetricMatrix, x: Array
+) -> tuple[DoubleDouble, DoubleDouble, Array, Array]:
+    """Return Rayleigh quotients (N,), x'Mx (N,), K x - lambda M x and M x (N, N), both rounded."""
     size = len(x)
     stretched, moved = stiffness.times(x), mass.times(x)
     squares = DoubleDouble(np.empty(size), np.empty(size))
@@ -156,19 +149,19 @@ def _residuals(stiffness: SymmetricMatrix, mass: SymmetricMatrix, x: Array) -> _
         residuals[:, chosen] = residual.high
         values.high[chosen], values.low[chosen] = value
         squares.high[chosen], squares.low[chosen] = square
-    return _Residuals(values, squares, residuals, moved.high)
+    return values, squares, residuals, moved.high
 
 
 def _step(stiffness: SymmetricMatrix, mass: SymmetricMatrix, x: Array) -> _Step:
-    found = _residuals(stiffness, mass, x)
-    numerators = x.T @ found.residuals
-    noise = _noise(stiffness, mass, x, found)
-    gaps = _gaps(found.values)
+    values, squares, residuals, moved = _residuals(stiffness, mass, x)
+    numerators = x.T @ residuals
+    noise = _noise(stiffness, mass, x, values, residuals)
+    gaps = _gaps(values)
     alike = np.abs(gaps) <= noise / _SMALL
     np.fill_diagonal(alike, False)
     separable = ~alike
     np.fill_diagonal(separable, False)
-    divisors = gaps * found.squares.high[:, None]
+    divisors = gaps * squares.high[:, None]
     corrections = np.divide(numerators, divisors, out=np.zeros_like(gaps), where=separable)
     unsettled = np.where(alike, np.abs(numerators) > noise, np.abs(corrections) > _SMALL)
     np.fill_diagonal(unsettled, False)
@@ -177,32 +170,38 @@ def _step(stiffness: SymmetricMatrix, mass: SymmetricMatrix, x: Array) -> _Step:
     if alike.any():
         # Within an eigenspace the vectors are only made orthogonal.
         settled = alike & ~unsettled
-        corrections[settled] = -0.5 * (x.T @ found.moved)[settled]
+        corrections[settled] = -0.5 * (x.T @ moved)[settled]
     second = numerators @ corrections + (corrections + corrections.T) @ numerators
     left = np.divide(second, divisors, out=np.zeros_like(gaps), where=separable & ~unsettled)
     # The error of a rotation of two modes is of third order.
     size = np.abs(corrections)
     third = size @ size @ size
     return _Step(
-        values=found.values,
-        squares=found.squares,
+        values=values,
+        squares=squares,
         gaps=gaps,
         numerators=numerators,
         noise=noise,
         corrections=corrections + np.where(np.abs(left) <= _SMALL, left, 0.0),
-        values_correction=np.diagonal(second) / found.squares.high,
+        values_correction=np.diagonal(second) / squares.high,
         left=np.abs(left) + third,
         alike=alike,
         clusters=_groups(unsettled),
     )
 
 
-def _noise(stiffness: SymmetricMatrix, mass: SymmetricMatrix, x: Array, found: _Residuals) -> Array:
+def _noise(
+    stiffness: SymmetricMatrix,
+    mass: SymmetricMatrix,
+    x: Array,
+    values: DoubleDouble,
+    residuals: Array,
+) -> Array:
     """Rounding errors of x_i . (K x_j - lambda_j M x_j), shape (N, N)."""
     size = np.abs(x)
-    forces = np.abs(stiffness.dense) @ size + np.abs(mass.dense) @ size * np.abs(found.values.high)
+    forces = np.abs(stiffness.dense) @ size + np.abs(mass.dense) @ size * np.abs(values.high)
     # The products with the residuals are computed in doubles.
-    lost = (stiffness.widest_row + 8) * ROUNDING * forces + 2.0**-50 * np.abs(found.residuals)
+    lost = (stiffness.widest_row + 8) * ROUNDING * forces + 2.0**-50 * np.abs(residuals)
     noise: Array = size.T @ lost
     return noise
 

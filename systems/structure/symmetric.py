@@ -1,5 +1,7 @@
 """Sparse symmetric matrices whose elements are double-double numbers, and their products."""
 
+from __future__ import annotations
+
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from fractions import Fraction
@@ -62,7 +64,7 @@ class SymmetricMatrix:
     @classmethod
     def from_fractions(
         cls, size: int, elements: Mapping[tuple[int, int], Fraction]
-    ) -> "SymmetricMatrix":
+    ) -> SymmetricMatrix:
         """Return the matrix with given elements on and above the diagonal, each rounded once.
 
         Raises
@@ -85,7 +87,7 @@ class SymmetricMatrix:
         )
 
     @classmethod
-    def from_dense(cls, matrix: Array) -> "SymmetricMatrix":
+    def from_dense(cls, matrix: Array) -> SymmetricMatrix:
         """Return the matrix of a symmetric array of shape (N, N), whose elements are exact."""
         rows, columns = np.nonzero(matrix)
         high = matrix[rows, columns]
@@ -120,12 +122,12 @@ class SymmetricMatrix:
         exponent = int(np.frexp(np.max(np.abs(self.high)))[1])
         return exponent + exponent % 2
 
-    def scaled(self, exponent: int) -> "SymmetricMatrix":
+    def scaled(self, exponent: int) -> SymmetricMatrix:
         """The matrix times 2 to the power `exponent`."""
         high, low = np.ldexp(self.high, exponent), np.ldexp(self.low, exponent)
         return replace(self, high=high, low=low)
 
-    def without(self, places: NDArray[np.intp], ties: Array | None = None) -> "SymmetricMatrix":
+    def without(self, places: NDArray[np.intp], ties: Array | None = None) -> SymmetricMatrix:
         """Matrix of the quadratic form with coordinates (h,) that are zero, or follow the m others.
 
         With ties (h, m) each is this linear combination of the others; the matrix is rounded once.
@@ -148,7 +150,7 @@ class SymmetricMatrix:
                     elements[a, b] = elements.get((a, b), Fraction(0)) + term
         return SymmetricMatrix.from_fractions(size, elements)
 
-    def with_spring(self, row: Array, factor: float) -> "SymmetricMatrix":
+    def with_spring(self, row: Array, factor: float) -> SymmetricMatrix:
         """The matrix plus ``factor * outer(row, row)``, to double-double accuracy."""
         dense = DoubleDouble(self.dense.copy(), np.zeros((self.size, self.size)))
         dense.low[self.rows, self.columns] = self.low
@@ -274,3 +276,126 @@ def _slices(a: Array, bits: int, wanted: int, axis: int) -> list[Array]:
         slices.append(part)
         rest = rest - part
     return slices or [np.zeros_like(a)]
+
+
+def check_definite(name: str, matrix: Array) -> None:
+    """Raise an error if a matrix is not positive definite up to rounding.
+
+    Parameters
+    ----------
+    name : str
+        Name of the matrix in the error message.
+    matrix : array, shape (N, N)
+        Finite and symmetric.
+
+    Raises
+    ------
+    ValueError
+        When a diagonal element is not positive, or when the matrix, after scaling of rows and
+        columns to a diagonal of ones, has an eigenvalue below N ulp.
+
+    Examples
+    --------
+    >>> check_definite("mass", np.diag([1.0, 0.0]))
+    Traceback (most recent call last):
+    ...
+    ValueError: mass must be positive definite; got 0.0 at [1, 1]
+    """
+    _check(name, matrix, definite=True)
+
+
+def check_semidefinite(name: str, matrix: Array) -> None:
+    """Raise an error if a matrix is not positive semidefinite up to rounding.
+
+    Parameters
+    ----------
+    name : str
+        Name of the matrix in the error message.
+    matrix : array, shape (N, N)
+        Finite and symmetric.
+
+    Raises
+    ------
+    ValueError
+        When a diagonal element is negative, or when it is zero in a row that is not zero, or when
+        the matrix, after scaling of rows and columns to a diagonal of ones, has an eigenvalue below
+        -4 N ulp.
+
+    Examples
+    --------
+    >>> check_semidefinite("stiffness", np.array([[1.0, -2.0], [-2.0, 1.0]]))
+    Traceback (most recent call last):
+    ...
+    ValueError: stiffness must be positive semidefinite; got the eigenvalue -1.0
+    """
+    _check(name, matrix, definite=False)
+
+
+def _check(name: str, matrix: Array, *, definite: bool) -> None:
+    wanted = "positive definite" if definite else "positive semidefinite"
+    diagonal = np.diagonal(matrix)
+    wrong = diagonal <= 0.0 if definite else diagonal < 0.0
+    if wrong.any():
+        place = int(np.argmax(wrong))
+        value = float(diagonal[place])
+        raise ValueError(f"{name} must be {wanted}; got {value} at [{place}, {place}]")
+    if np.count_nonzero(matrix) == np.count_nonzero(diagonal):
+        return
+    # Scaling makes the check independent of the units of the coordinates.
+    lengths = np.sqrt(np.where(diagonal > 0.0, diagonal, 1.0))
+    scaled = matrix / lengths[:, None] / lengths
+    margin = len(matrix) * np.finfo(np.float64).eps * (-1.0 if definite else 4.0)
+    try:
+        np.linalg.cholesky(scaled + margin * np.eye(len(matrix)))
+    except np.linalg.LinAlgError:
+        # Rounding may make the factorisation fail if an eigenvalue is close to the margin.
+        if float(np.linalg.eigvalsh(scaled)[0]) < -margin:
+            lowest = float(np.linalg.eigvalsh(matrix)[0])
+            raise ValueError(f"{name} must be {wanted}; got the eigenvalue {lowest:.6}") from None
+
+
+class Traction(NamedTuple):
+    """Forces along p directions, each a combination of the forces of springs and dashpots.
+
+    They add ``along @ damping`` to the damping matrix and ``along @ stiffness`` to the stiffness
+    matrix; the sums are not symmetric.
+
+    Attributes
+    ----------
+    along : (N, p)
+    damping, stiffness : (p, N), double-double
+    """
+
+    along: Array
+    damping: DoubleDouble
+    stiffness: DoubleDouble
+
+    @staticmethod
+    def of(
+        along: Array, weights: Array, damping: SymmetricMatrix, stiffness: SymmetricMatrix
+    ) -> Traction:
+        """Return the forces ``along @ weights @ (C x' + K x)``, with weights (p, N)."""
+        own = np.ascontiguousarray(weights.T)
+        parts = (part.times(own) for part in (damping, stiffness))
+        return Traction(along, *(DoubleDouble(high.T, low.T) for high, low in parts))
+
+    def without(self, places: NDArray[np.intp], ties: Array | None) -> Traction:
+        """Return the forces if coordinates (h,) are zero, or follow the m others by ties (h, m)."""
+        others = np.delete(np.arange(len(self.along)), places)
+        along, parts = self.along[others], []
+        if ties is not None:
+            along = along + ties.T @ self.along[places]
+        for whole in self[1:]:
+            part = DoubleDouble(*(own[:, others] for own in whole))
+            for place, tie in zip(places.tolist(), () if ties is None else ties, strict=False):
+                term = DoubleDouble(*(own[:, [place]] for own in whole))
+                part = add(part, scale(term, tie[None]))
+            parts.append(part)
+        return Traction(along, *parts)
+
+
+def product_of(a: DoubleDouble, b: Array) -> DoubleDouble:
+    """Product (p, m) of a double-double matrix (p, N) with one of doubles (N, m)."""
+    product = exact_slices_product(a.high, b)
+    low = a.low @ b
+    return add(product, DoubleDouble(low, np.zeros_like(low)))

@@ -22,14 +22,15 @@ from dynkit.core.validation import (
     positive,
 )
 from dynkit.dynamics.flow import Crossing, Flow, Part
+from dynkit.dynamics.hybrid_flow import HybridFlow
 from dynkit.dynamics.section import Stroboscope
 from dynkit.systems.flows.crossings import ON_SECTION, Search, checked_search
-from dynkit.systems.symbolic.derivation import coordinate_names
-from dynkit.systems.symbolic.family import CodedFamily, Program, program_of
+from dynkit.systems.symbolic.family import CodedFamily, Program, coordinate_names, program_of
 
 if TYPE_CHECKING:
     from dynkit.dynamics.section import PoincareSection
     from dynkit.systems.symbolic.taylor import Taylor
+
 
 _ROUNDING, _TURN = 2.0**-52, 2.0 * math.pi
 # Number of disturbed motions for an error estimate; disturbance of each step, in rounding errors.
@@ -108,8 +109,7 @@ class SymbolicFlow(CodedFamily, Flow):
 
     def __init_subclass__(cls, **options: Any) -> None:
         super().__init_subclass__(**options)
-        if _of_symbols(cls.velocity):
-            cls.velocity = _of_states_too(cls.velocity)
+        take_states(cls, ["velocity"])
         if not isinstance(cls.integrals, tuple):
             raise TypeError(f"integrals must be a tuple of names of methods; got {cls.integrals!r}")
         if isinstance(angles := vars(cls).get("angles"), tuple | list):
@@ -309,7 +309,7 @@ def _of_symbols(function: Any) -> bool:
     return function is not None and not made
 
 
-def take_states(cls: type, names: Iterable[str], scalar: bool) -> None:
+def take_states(cls: type, names: Iterable[str], scalar: bool = False) -> None:
     """Make methods of a class and of its bases accept one state, (d,), of numbers as well.
 
     A scalar method returns one expression; for a state it returns one number.
@@ -317,38 +317,23 @@ def take_states(cls: type, names: Iterable[str], scalar: bool) -> None:
     for name in names:
         function: Any = getattr(cls, name, None)
         if _of_symbols(function):
-            setattr(cls, name, _method_of_states_too(function, scalar))
+            setattr(cls, name, _of_states_too(name, function, scalar))
 
 
-def _of_states_too(function: Callable[..., Any]) -> Callable[..., Any]:
-    """Return a velocity that takes symbols, or one state, (d,), of numbers."""
-    names = list(inspect.signature(function).parameters)
-
-    @wraps(function)
-    def velocity(self: SymbolicFlow, *arguments: Any) -> Any:
-        from sympy import Expr
-
-        if len(arguments) != 1 or isinstance(arguments[0], Expr):
-            found = function(self, *arguments)
-            timed = names[-1] == "t" and isinstance(found, tuple)
-            return (*found, 1) if timed and len(found) == len(arguments) - 1 else found
-        return self._filled(self._program.step, arguments[0], (self.dimension,))
-
-    velocity._takes_states = True  # type: ignore[attr-defined]
-    return velocity
-
-
-def _method_of_states_too(function: Callable[..., Any], scalar: bool) -> Callable[..., Any]:
-    """Return another method than the velocity that takes symbols, or one state of numbers."""
+def _of_states_too(name: str, function: Callable[..., Any], scalar: bool) -> Callable[..., Any]:
+    """Return a method that takes symbols, or one state, (d,), of numbers."""
+    velocity, names = name == "velocity", list(inspect.signature(function).parameters)
 
     @wraps(function)
     def method(self: SymbolicFlow, *arguments: Any) -> Any:
         from sympy import Expr
 
         if len(arguments) != 1 or isinstance(arguments[0], Expr):
-            return function(self, *arguments)
-        code = self._method(function.__name__, scalar).step
-        found = self._filled(code, arguments[0], (1 if scalar else self.dimension,))
+            found = function(self, *arguments)
+            timed = velocity and names[-1] == "t" and isinstance(found, tuple)
+            return (*found, 1) if timed and len(found) == len(arguments) - 1 else found
+        program = self._program if velocity else self._method(name, scalar)
+        found = self._filled(program.step, arguments[0], (1 if scalar else self.dimension,))
         return float(found[0]) if scalar else found
 
     method._takes_states = True  # type: ignore[attr-defined]
@@ -360,3 +345,70 @@ def _taylor_of(program: Program) -> Taylor:
     from dynkit.systems.symbolic.taylor import Taylor
 
     return Taylor(program.name, program.expressions)
+
+
+class SymbolicHybridFlow(SymbolicFlow, HybridFlow):
+    """A `SymbolicFlow` whose state jumps: guard and reset are expressions, too.
+
+    Besides ``velocity`` a subclass must implement two methods of the same coordinates:
+
+    1. ``guard(self, x, y, ...)`` returns one expression. The state jumps when it falls to zero, if
+       it was positive before.
+    2. ``reset(self, x, y, ...)`` returns the tuple of coordinates just after the jump.
+
+    It may implement ``armed(self, x, y, ...)``, one expression: where it is not positive, the guard
+    is ignored. The fields of the class are parameters of all methods. Called with a state, these
+    methods return numbers. Derivatives are exact.
+
+    ``ResetMap(flow, time_limit)`` is the map from one jump to the next, with orbits, multipliers,
+    exponents, branches and labels.
+
+    Raises
+    ------
+    ValueError, TypeError, ImportError
+        As `SymbolicFlow`; and when a method does not take the coordinates of ``velocity``.
+
+    Examples
+    --------
+    A neuron that fires when its potential is one. Each spike increases a fatigue, which decays
+    between spikes: its multiplier is exp(-period / decay).
+
+    >>> import numpy as np
+    >>> from dynkit import ResetMap, periodic_orbit
+    >>> class Neuron(SymbolicHybridFlow):
+    ...     current: float = 1.5
+    ...     decay: float = 2.0
+    ...
+    ...     def velocity(self, potential, fatigue):
+    ...         return self.current - potential, -fatigue / self.decay
+    ...
+    ...     def guard(self, potential, fatigue):
+    ...         return 1 - potential
+    ...
+    ...     def reset(self, potential, fatigue):
+    ...         return 0, fatigue + 1
+    >>> spikes = ResetMap(Neuron(), time_limit=100.0)
+    >>> orbit = periodic_orbit(spikes, [0.0, 1.0])
+    >>> bool(abs(spikes.return_time(orbit.states[0]) - np.log(3.0)) < 1e-14)
+    True
+    >>> bool(abs(orbit.multipliers[0] - 3.0 ** -0.5) < 1e-14)
+    True
+    """
+
+    def __init_subclass__(cls, **options: Any) -> None:
+        super().__init_subclass__(**options)
+        scalars = ["guard"] + ["armed"] * (cls.armed is not HybridFlow.armed)
+        take_states(cls, scalars, scalar=True)
+        take_states(cls, ["reset"])
+
+    def guard_gradient(self, state: Array) -> Array:
+        return self._scalar_gradient("guard", state)
+
+    def guard_parameter_derivative(self, state: Array, name: str) -> float:
+        return float(self._by_parameter(self._method("guard", scalar=True), state, name)[0])
+
+    def reset_jacobian(self, state: Array) -> Array:
+        return self._tangent(self._method("reset"), state)
+
+    def reset_parameter_derivative(self, state: Array, name: str) -> Array:
+        return self._by_parameter(self._method("reset"), state, name)

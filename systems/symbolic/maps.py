@@ -14,10 +14,12 @@ from dynkit.core.smooth_map import generic_direction, refuse_infinite
 from dynkit.core.stretching import Stretching
 from dynkit.core.validation import Array, finite_array, non_negative_integer
 from dynkit.dynamics.map import Map
-from dynkit.systems.symbolic.derivation import (
+from dynkit.systems.symbolic.family import (
+    CodedFamily,
+    Program,
     coordinate_names,
+    program_of,
 )
-from dynkit.systems.symbolic.family import CodedFamily, Program, program_of
 
 if TYPE_CHECKING:
     from dynkit.systems.symbolic.machine_code import Code

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import operator
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from functools import cache
 from threading import RLock
@@ -21,7 +22,7 @@ if TYPE_CHECKING:
     import sympy
 
     from dynkit.dynamics.section import PoincareSection
-    from dynkit.systems.symbolic.derivation import Expressions
+    from dynkit.systems.symbolic.family import Expressions
 
 _MOST, _CHUNK = 10**7, 50_000
 """Largest number of steps, half a minute of work; it is estimated after every `_CHUNK` steps."""
@@ -257,18 +258,8 @@ class _Series:
         self.number = library.expression
         self.compare, self.choose = self._refused("comparison"), self._refused("choice")
         self.both = self.either = self._refused("logic")
-
-    def add(self, a: Value, b: Value) -> Value:
-        return a + b
-
-    def subtract(self, a: Value, b: Value) -> Value:
-        return a - b
-
-    def multiply(self, a: Value, b: Value) -> Value:
-        return a * b
-
-    def divide(self, a: Value, b: Value) -> Value:
-        return a / b
+        self.add, self.subtract = operator.add, operator.sub
+        self.multiply, self.divide = operator.mul, operator.truediv
 
     def call(self, name: str, *arguments: Value) -> Value:
         if name == "pow":

@@ -11,8 +11,7 @@ import pytest
 from scipy import integrate
 
 from dynkit import Hyperplane, MapAttractor, PoincareMap, periodic_orbit
-from dynkit.analysis.kaplan_yorke import kaplan_yorke
-from dynkit.analysis.lyapunov import LyapunovSpectrum
+from dynkit.analysis.lyapunov import LyapunovSpectrum, kaplan_yorke
 from dynkit.core.validation import Array, finite_array
 from dynkit.dynamics.map import Map
 from dynkit.systems import (

@@ -20,9 +20,9 @@ from dynkit.analysis import (
     WorkPrecision,
     impact_methods,
 )
-from dynkit.analysis.work_precision.comparing import compare, matched
+from dynkit.analysis.work_precision.measurement import compare, matched
+from dynkit.analysis.work_precision.measuring import reference_impacts
 from dynkit.analysis.work_precision.methods import OverBudget, Simulation, Unsuited
-from dynkit.analysis.work_precision.reference import reference_impacts
 from dynkit.analysis.work_precision.solve_ivp import SolveIVP
 from dynkit.systems import ImpactChain
 from tests.analysis.work_precision_cases import bounces, sticking

@@ -5,9 +5,9 @@ from __future__ import annotations
 import pytest
 
 from dynkit.analysis import ExactImpacts
-from dynkit.analysis.work_precision.exact_maps import ExactMaps
 from dynkit.analysis.work_precision.methods import GaveUp, Unsuited
 from dynkit.analysis.work_precision.solve_ivp import SolveIVP, Solver
+from dynkit.analysis.work_precision.standard_methods import ExactMaps
 from dynkit.systems import PlayOscillator
 from tests.analysis.work_precision_cases import (
     bounces,

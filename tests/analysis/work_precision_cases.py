@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from dynkit.analysis import ExactImpacts, ImpactMethod
-from dynkit.analysis.work_precision.comparing import Comparison, compare
+from dynkit.analysis.work_precision.measurement import Comparison, compare
 from dynkit.systems import ImpactChain, MatrixOscillator
 from tests.reference.impact_chain import ReferenceChain
 

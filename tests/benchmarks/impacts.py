@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from dynkit import basins, parameter_map, sweep
-from dynkit.analysis.work_precision.reference import reference_impacts
+from dynkit.analysis.work_precision.measuring import reference_impacts
 from dynkit.systems import HardStop, ImpactChain, Jenkins, SingleImpactOscillator, SoftStop
 from dynkit.systems.impact.simulation import ensemble_kernels, loop_kernels
 from tests.benchmarks.peers.paper import PaperAlgorithm

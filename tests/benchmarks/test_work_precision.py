@@ -14,8 +14,8 @@ import numpy as np
 import pytest
 
 from dynkit.analysis import ExactImpacts
-from dynkit.analysis.work_precision.comparing import compare
-from dynkit.analysis.work_precision.exact_maps import ExactMaps
+from dynkit.analysis.work_precision.measurement import compare
+from dynkit.analysis.work_precision.standard_methods import ExactMaps
 from tests.benchmarks.peers import NAMES, all_methods
 from tests.benchmarks.work_precision import work_precision
 from tests.benchmarks.work_precision.__main__ import main

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from dynkit.core.compile_notice import Notice
+from dynkit.core.jit import Notice
 
 FOLDER = Path("cache")
 

@@ -24,7 +24,7 @@ from dynkit import (
 )
 from dynkit.core.no_motion import Refused
 from dynkit.core.validation import Array, finite_array
-from dynkit.dynamics.level import Level
+from dynkit.dynamics.poincare_map import Level
 from dynkit.orbits.kinds import BifurcationKind
 from dynkit.systems import HenonHeiles, IntegratedFlow, RestrictedThreeBody, SymbolicFlow
 from dynkit.testing import (

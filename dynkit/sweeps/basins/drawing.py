@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING
+from dataclasses import replace
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,12 +12,17 @@ from numpy.typing import NDArray
 from dynkit.core.validation import Array
 from dynkit.labels.label import OrbitKind
 from dynkit.plotting.figures import DOTS, ink, open_symbols, shown_axes
-from dynkit.plotting.regions import Region, draw_regions, shades
+from dynkit.plotting.regions import Region, css_of, draw_regions, shades
 from dynkit.sweeps.basins.classification import NO_CROSSING, NO_STATE, RUNS_AWAY, UNSETTLED
 from dynkit.sweeps.basins.matching import Basin
+from dynkit.sweeps.swept import NO_SYSTEM
+from dynkit.viewer.page import Page, page_of_cells, page_of_motions
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
+
+    from dynkit.dynamics.attractor import Attractor
+    from dynkit.viewer.series import Series
 
 
 def _others() -> dict[int, Region]:
@@ -104,3 +110,40 @@ def _draw_fractions(basins: Sequence[Basin], numbers: NDArray[np.int64], ax: Axe
     axes.set_xticks(range(len(bars)), names, rotation=45, ha="right")
     axes.set_ylabel("fraction of the starts")
     return axes
+
+
+# Largest number of coordinates in the description of a start.
+_COORDINATES = 8
+
+
+def page_of(found: Any, motions: int) -> Page:
+    """Return the page of basins, and the motion on each attractor."""
+    starts, numbers, title = found.starts, found.numbers, "Basins of attraction"
+    own = found.coordinates
+    flat, group = starts.reshape(-1, starts.shape[-1]), numbers.ravel()
+    if numbers.ndim == 2:
+        cells, regions = regions_of(found.basins, numbers)
+        (first, x), (second, y) = (axis_of(starts, axis) for axis in (0, 1))
+        names = name_of(own, first, 0), name_of(own, second, 1)
+        page = page_of_cells(title, names, (x, y), cells, css_of(regions))
+    else:
+        widest = int(np.argmax(np.ptp(flat, axis=0)))
+        names, every = (own[widest], "attractor"), np.arange(len(flat))
+        page = page_of_motions(title, names, len(flat), every, flat[:, widest], group.astype(float))
+    facts = {
+        **dict(zip(own, flat.T[:_COORDINATES], strict=False)),
+        "leads to": [found.outcome(*at) for at in np.ndindex(numbers.shape)],
+        "attractor": np.where(group < 0, np.nan, group),
+    }
+    page = replace(page, facts=facts)
+    if found._look is None:
+        return page.noting(NO_SYSTEM)
+
+    def series(at: int) -> Series:
+        motion: Attractor = found.attractor(*map(int, np.unravel_index(at, numbers.shape)))
+        return motion._series()
+
+    chosen = sorted(int(np.ravel_multi_index(b.start, numbers.shape)) for b in found.basins)
+    return page.with_series(motions, series, chosen=chosen, group=group).noting(
+        "All starts of a basin show the motion from its first start, after the transient."
+    )

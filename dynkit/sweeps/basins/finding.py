@@ -286,7 +286,7 @@ class Basins(Viewed, Saved):
         return draw_basins(self.basins, self.starts, self.numbers, self.coordinates, ax)
 
     def _page(self, motions: int) -> Page:
-        from dynkit.sweeps.basins.viewing import page_of
+        from dynkit.sweeps.basins.drawing import page_of
 
         return page_of(self, motions)
 

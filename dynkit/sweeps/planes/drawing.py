@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from typing import TYPE_CHECKING
+from dataclasses import replace
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,10 +12,15 @@ from numpy.typing import NDArray
 from dynkit.core.validation import Array
 from dynkit.labels.label import OrbitKind
 from dynkit.plotting.figures import ink
-from dynkit.plotting.regions import Region, draw_regions, shades
+from dynkit.plotting.regions import Region, css_of, draw_regions, shades
+from dynkit.sweeps.swept import NO_SYSTEM
+from dynkit.viewer.page import page_of_cells
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
+
+    from dynkit.viewer.page import Page
+
 
 # Largest number of labels of periodic motions with separate colours.
 _MOST = 11
@@ -64,3 +70,24 @@ def _numbers(name: str) -> tuple[list[int], int, str]:
     numbers, _, stability = name.removeprefix("P(").partition(")")
     iterates, *periods = (int(part) for part in numbers.split(","))
     return periods, iterates, stability
+
+
+def page_of(found: Any, motions: int) -> Page:
+    """Return the page of a map of two parameters: the kinds of motion, and some time series."""
+    (one, first), (other, second) = found.values.items()
+    cells, regions = regions_of(found.names, found.where)
+    columns = len(second)
+    page = page_of_cells(
+        f"Motions over {one} and {other}", (one, other), (first, second), cells, css_of(regions)
+    )
+    facts = {
+        one: np.repeat(first, columns),
+        other: np.tile(second, len(first)),
+        "label": found.names.ravel().tolist(),
+        **{f"largest {name}": found.largest(name).ravel() for name in found.observables},
+        "ending": found.endings.ravel().tolist(),
+    }
+    page = replace(page, facts=facts)
+    if found._plan.system is None:
+        return page.noting(NO_SYSTEM)
+    return page.with_series(motions, lambda at: found.attractor(*divmod(at, columns))._series())

@@ -83,7 +83,7 @@ def _without_numbers(expression: Any) -> tuple[Any, tuple[sympy.Symbol, ...], Ar
 
 @cache
 def _slope(expression: Any, velocity: sympy.Symbol) -> Any:
-    from dynkit.systems.symbolic.derivation import derivatives
+    from dynkit.systems.symbolic.family import derivatives
 
     return derivatives([velocity * expression], [velocity])[0]
 

@@ -13,9 +13,9 @@ from dynkit.systems.structure.modes import Derivation
 from dynkit.systems.structure.symmetric import (
     SymmetricMatrix,
     exact_slices_product,
+    product_of,
     product_with,
 )
-from dynkit.systems.structure.traction import product_of
 
 
 @final

@@ -15,12 +15,15 @@ from dynkit.core.kept import cached_property, kept
 from dynkit.core.validation import Array
 from dynkit.systems.impact.elements.element import Element, Regime
 from dynkit.systems.impact.modes.bases import Basis, basis_of, row_by_row
-from dynkit.systems.structure.definiteness import check_semidefinite
 from dynkit.systems.structure.double_double import DoubleDouble, add
 from dynkit.systems.structure.lagrangian import LagrangianStructure
 from dynkit.systems.structure.modes import Derivation
-from dynkit.systems.structure.symmetric import product_with
-from dynkit.systems.structure.traction import Traction, product_of
+from dynkit.systems.structure.symmetric import (
+    Traction,
+    check_semidefinite,
+    product_of,
+    product_with,
+)
 
 
 @final

@@ -9,9 +9,8 @@ import numpy as np
 
 from dynkit.core.validation import finite_array
 from dynkit.systems.impact.oscillators.oscillator import ImpactOscillator
-from dynkit.systems.structure.definiteness import check_definite, check_semidefinite
 from dynkit.systems.structure.modes import Derivation
-from dynkit.systems.structure.symmetric import SymmetricMatrix
+from dynkit.systems.structure.symmetric import SymmetricMatrix, check_definite, check_semidefinite
 
 if TYPE_CHECKING:
     import sympy

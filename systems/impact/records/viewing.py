@@ -11,8 +11,7 @@ import numpy as np
 from dynkit.core.validation import Array
 from dynkit.systems.impact.records.drawing import shown_until
 from dynkit.systems.impact.records.event_counts import element_names
-from dynkit.viewer.page import Page
-from dynkit.viewer.section import page_of_section
+from dynkit.viewer.page import Page, page_of_section
 from dynkit.viewer.series import Series
 
 if TYPE_CHECKING:

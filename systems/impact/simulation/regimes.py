@@ -36,7 +36,7 @@ from dynkit.systems.impact.modes.constrained import (
     rides,
 )
 from dynkit.systems.impact.modes.structure import ROUNDING, Structure, independent
-from dynkit.systems.structure.definiteness import check_semidefinite
+from dynkit.systems.structure.symmetric import check_semidefinite
 
 
 @final
