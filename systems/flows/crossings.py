@@ -154,7 +154,7 @@ class Search:
         sign, gradient = self.section.direction, self.section.gradient(state)
         own = np.maximum(sizes, abs(state))
         value, rate = self.section.value(state), float(gradient @ self.velocity(state))
-        reach = float(np.linalg.norm(gradient)) * (self.least + float(np.linalg.norm(own)))
+        reach = math.sqrt(gradient @ gradient) * (self.least + math.sqrt(own @ own))
         rounding = 2.0**-53 * float(abs(gradient) @ own)
         return Look(time, state, sign * value, sign * rate, own, reach, rounding)
 
