@@ -6,6 +6,7 @@ from collections.abc import Iterator
 
 import pytest
 
+from tests.benchmarks.report import time_once
 from tests.effort import optimised_code, quick_code, register_profiles
 
 # What is collected stays to the end: it is not searched for garbage, again and again.
@@ -19,6 +20,7 @@ os.environ["BROWSER"] = "true"
 
 register_profiles()
 quick_code()
+time_once()
 
 APART = (
     "tests/reference/",

@@ -37,6 +37,11 @@ sys.path.insert(0, {str(FOLDER.parent)!r})
 from tests import pictures
 pictures.describe_pictures()
 """
+TIMED_ONCE = """
+from tests.benchmarks import report
+report.time_once()
+"""
+"""For tests, which compare no times."""
 
 
 @dataclass(frozen=True)
@@ -70,10 +75,12 @@ def read(path: Path) -> NotebookNode:
 
 
 @contextmanager
-def executing(pictures: str = "png") -> Iterator[Callable[[NotebookNode], NotebookNode]]:
+def executing(
+    pictures: str = "png", first: str = ""
+) -> Iterator[Callable[[NotebookNode], NotebookNode]]:
     """Start a kernel, in which notebooks are executed from their first cells to their last.
 
-    Pictures are "png", or "retina" with twice the points.
+    Pictures are "png", or "retina" with twice the points. The kernel runs the code `first` once.
 
     Each finds no names of others, and has a folder of its own. To start a kernel and to import what
     all of them need takes longer than most of them.
@@ -90,7 +97,7 @@ def executing(pictures: str = "png") -> Iterator[Callable[[NotebookNode], Notebo
             timeout=_TIMEOUT,
             extra_arguments=[
                 f"--InlineBackend.figure_formats={{{pictures!r}}}",
-                f"--IPKernelApp.exec_lines={_FIRST}",
+                f"--IPKernelApp.exec_lines={_FIRST + first}",
             ],
             kernel_name="python3",
             config=Config(

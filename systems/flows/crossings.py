@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, TypeAlias
 
 import numpy as np
 
+from dynkit.core.kept import cached_property
 from dynkit.core.no_motion import CannotFollow, NoCrossing
 from dynkit.core.validation import Array, positive
 from dynkit.dynamics.flow import Crossing, Flow
@@ -36,23 +37,41 @@ _GRAZING = 1e-10
 _ITERATIONS = 60
 
 
-@dataclass(slots=True)
+@dataclass(eq=False)
 class Look:
     """The section as seen from the motion; its value counts positive beyond it.
 
     The coordinates have had some `sizes`, (d,), until then: what is zero at the section has the
-    rounding of the way there. The value's `reach` is how large it may become with them, and
-    `rounding` is that of its terms.
+    rounding of the way there. Most looks need only the value.
     """
 
+    search: Search
     time: float
     state: Array
     value: float
-    rate: float
     sizes: Array
-    reach: float
-    rounding: float
     turns: bool = False
+
+    @cached_property
+    def _gradient(self) -> Array:
+        return self.search.section.gradient(self.state)
+
+    @cached_property
+    def rate(self) -> float:
+        """Rate of the value."""
+        rate = float(self._gradient @ self.search.velocity(self.state))
+        return self.search.section.direction * rate
+
+    @cached_property
+    def reach(self) -> float:
+        """How large the value may become with coordinates of these sizes."""
+        size = self.search.least + math.sqrt(self.sizes @ self.sizes)
+        return math.sqrt(self._gradient @ self._gradient) * size
+
+    @property
+    def rounding(self) -> float:
+        """Rounding error of the value's terms."""
+        return 2.0**-53 * float(abs(self._gradient) @ self.sizes)
 
     @property
     def near(self) -> bool:
@@ -151,12 +170,8 @@ class Search:
 
     def _look(self, time: float, state: Array, sizes: Array) -> Look:
         """Look at a motion whose coordinates have had some sizes, (d,), before."""
-        sign, gradient = self.section.direction, self.section.gradient(state)
-        own = np.maximum(sizes, abs(state))
-        value, rate = self.section.value(state), float(gradient @ self.velocity(state))
-        reach = float(np.linalg.norm(gradient)) * (self.least + float(np.linalg.norm(own)))
-        rounding = 2.0**-53 * float(abs(gradient) @ own)
-        return Look(time, state, sign * value, sign * rate, own, reach, rounding)
+        value = self.section.direction * self.section.value(state)
+        return Look(self, time, state, value, np.maximum(sizes, abs(state)))
 
     def _looks(self, step: Step, begin: Look) -> Iterator[Look]:
         """Yield looks at a step that show each crossing, and at extrema that may show one."""

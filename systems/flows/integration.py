@@ -10,6 +10,7 @@ import numpy as np
 
 from dynkit.core.no_motion import CannotFollow
 from dynkit.core.validation import Array
+from dynkit.dynamics.section import Hyperplane, Stroboscope
 
 if TYPE_CHECKING:
     from scipy.integrate import DOP853, Radau
@@ -124,8 +125,21 @@ class Step(Protocol):
     def cut_short(self, duration: float) -> Array:
         """Return the state, (d,), a duration after the step's begin, without interpolation."""
 
+    def reach(self, row: Array) -> float:
+        """Return a bound on how far the product of a row, (d,), and the state changes."""
+
     def avoids(self, section: PoincareSection, value: float) -> bool:
-        """Whether the step certainly does not reach a section that has `value` at its begin."""
+        """Whether the step certainly does not reach a section that has `value` at its begin.
+
+        The distance is that from a plane or a phase at the begin of the step.
+        """
+        if isinstance(section, Hyperplane):
+            row, distance = section.gradient(self.state), abs(value)
+        elif isinstance(section, Stroboscope):
+            row, distance = np.eye(len(self.state))[-1], math.asin(min(abs(value), 1.0))
+        else:
+            return False
+        return self.reach(row) < 0.99 * distance
 
 
 @final
@@ -151,8 +165,11 @@ class IntegratedStep(Step):
             self._velocity, self._start, duration, self._tolerance, duration, **self._how
         )
 
-    def avoids(self, section: PoincareSection, value: float) -> bool:  # noqa: ARG002
-        return False
+    def reach(self, row: Array) -> float:
+        # the interpolation is a sum of vectors with factors between 0 and 1
+        path: Any = self._path
+        vectors = path.Q.T if self._how["method"] == "Radau" else path.F
+        return float(abs(vectors @ row).sum())
 
 
 def integrated_steps(

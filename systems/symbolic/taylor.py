@@ -14,14 +14,12 @@ import numpy as np
 
 from dynkit.core.no_motion import CannotFollow, Diverged
 from dynkit.core.validation import Array
-from dynkit.dynamics.section import Hyperplane, Stroboscope
 from dynkit.systems.flows.integration import Step
 from dynkit.systems.symbolic.translation import Value, translate
 
 if TYPE_CHECKING:
     import sympy
 
-    from dynkit.dynamics.section import PoincareSection
     from dynkit.systems.symbolic.family import Expressions
 
 _MOST, _CHUNK = 10**7, 50_000
@@ -221,19 +219,9 @@ class TaylorStep(Step):
     def cut_short(self, duration: float) -> Array:
         return np.asarray(self.coefficients @ duration**self._powers)
 
-    def avoids(self, section: PoincareSection, value: float) -> bool:
-        """Whether the sum of the absolute terms of the polynomials is below the distance.
-
-        The distance is that from a plane or a phase at the begin of the step.
-        """
-        if isinstance(section, Hyperplane):
-            row, distance = section.gradient(self.state), abs(value)
-        elif isinstance(section, Stroboscope):
-            row, distance = np.eye(len(self.state))[-1], math.asin(min(abs(value), 1.0))
-        else:
-            return False
+    def reach(self, row: Array) -> float:
         terms = abs(row @ self.coefficients[:, 1:])
-        return float(terms @ (self.time - self.begin) ** self._powers[1:]) < 0.99 * distance
+        return float(terms @ (self.time - self.begin) ** self._powers[1:])
 
 
 def series(

@@ -20,6 +20,7 @@ from dynkit.analysis import (
     WorkPrecision,
     impact_methods,
 )
+from dynkit.analysis.work_precision import measurement
 from dynkit.analysis.work_precision.measurement import compare, matched
 from dynkit.analysis.work_precision.measuring import reference_impacts
 from dynkit.analysis.work_precision.methods import OverBudget, Simulation, Unsuited
@@ -64,6 +65,11 @@ class Shifted(ImpactMethod):
             exact.velocities[kept],
             work={"looks": 7},
         )
+
+
+class Slow(Shifted):
+    name = "slow"
+    tolerances = (1e-3,)
 
 
 class Tired(Shifted):
@@ -209,6 +215,16 @@ def test_measurements_are_made_once_and_as_they_are_asked_for() -> None:
     assert method.prepared == 1
     assert measured.measurements == tuple(measured)
     assert method.prepared == 2
+
+
+def test_the_time_of_a_run_is_the_shortest_of_its_repetitions(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr(measurement, "_ENOUGH", 0.2)
+    ends = np.cumsum([0.0, 0.09, 0.0, 0.05, 0.0, 0.07, 0.0, 0.01])  # the last is not begun
+    monkeypatch.setattr(measurement, "_now", iter(ends.tolist()).__next__)
+    (one,) = WorkPrecision({"three": three()}, [Slow()]).measurements
+    assert one.seconds == pytest.approx(0.05, rel=1e-12)
 
 
 def test_cost_counts_measurements_and_the_error_is_that_of_the_reference() -> None:

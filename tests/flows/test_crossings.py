@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 import pytest
@@ -14,6 +15,8 @@ from dynkit.core.no_motion import CannotFollow, NoCrossing
 from dynkit.core.validation import Array, finite_array
 from dynkit.dynamics.flow import Crossing, Flow
 from dynkit.systems import IntegratedFlow, SymbolicFlow
+from dynkit.systems.flows.crossings import Look, Search
+from dynkit.systems.flows.integration import METHODS, integrated_steps
 from tests.flows.cases import FLOWS, ROUNDING, STATES, Parabola, Rotation
 from tests.flows.integrated_flows import Lorenz
 
@@ -308,3 +311,40 @@ def test_states_that_run_away_are_refused(duration: float) -> None:
     for function in (Explosion().advance, Explosion().derivative):
         with pytest.raises(CannotFollow, match=message):
             function(np.array([1.0, 0.0]), duration)
+
+
+# --- steps that do not reach the section ----------------------------------------------------------
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_within_a_step_the_state_changes_by_no_more_than_the_bound(method: str) -> None:
+    flow = Lorenz(method=method, tolerance=1e-6)
+    how: dict[str, Any] = {"method": method, "jacobian": flow.velocity_jacobian}
+    rows = np.random.default_rng(0).normal(size=(20, 3))
+    excess = []
+    for step in integrated_steps(flow.velocity, 1e-6, np.array([8.0, 3.0, 20.0]), 2.0, **how):
+        states = np.array(step.paths(np.linspace(step.begin, step.time, 50).tolist()))
+        for row in rows:
+            change = abs((states - states[0]) @ row).max()
+            assert change <= step.reach(row) * (1.0 + 1e-12)
+            excess.append(step.reach(row) / change)
+    assert np.median(excess) < 3.0
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_steps_far_from_the_section_are_looked_at_once(
+    method: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    flow, start = Lorenz(method=method, tolerance=1e-9), np.array([8.0, 3.0, 20.0])
+    plain, times = Search._look, []
+
+    def looking(search: Search, time: float, *rest: Any) -> Look:
+        times.append(time)
+        return plain(search, time, *rest)
+
+    monkeypatch.setattr(Search, "_look", looking)
+    hit = first(flow, start, Hyperplane(np.eye(3)[2], 27.0, -1))
+    how: dict[str, Any] = {"method": method, "jacobian": flow.velocity_jacobian}
+    count = len(list(integrated_steps(flow.velocity, 1e-9, start, hit.time, **how)))
+    assert count > 10
+    assert len(times) < 2 * count
