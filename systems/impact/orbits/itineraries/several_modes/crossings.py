@@ -62,7 +62,7 @@ def tangents(s: Any, rows: Array) -> Array:
     """
     d, m = s.dimension, s.measures[: s.dimension]
     found = [_passed(s, i, row)[:d, :d] for i, row in enumerate(rows)]
-    return np.array(found) * m / m[:, None]
+    return np.asarray(np.array(found) * m / m[:, None])
 
 
 def _passed(s: Any, i: int, row: Array) -> Array:
