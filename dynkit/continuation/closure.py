@@ -55,23 +55,17 @@ def return_to(
             return end
     row = (after.y - point.y) / point.scale
     row /= np.sqrt(row @ row)
-    low, high = 0.0, 1.0
+    known = {0.0: place, 1.0: beyond}
     for _ in range(_RETURNS):
-        way = (beyond - place) / (high - low)
-        part = low - float(place @ way) / max(float(way @ way), 1e-300)
-        if not -_SLACK < part < 1.0 + _SLACK:
+        low, high = sorted(known, key=lambda part: float(known[part] @ known[part]))[:2]
+        way = (known[high] - known[low]) / (high - low)
+        part = low - float(known[low] @ way) / max(float(way @ way), 1e-300)
+        if part in known or not -_SLACK < part < 1.0 + _SLACK:
             return None
         trial = corrected(interpolated(point, after, part), point, row)
         if isinstance(trial, Failure):
             return None
-        there = equations.apart(trial.y, home)
-        if abs(there).max() < SAME:
+        known[part] = equations.apart(trial.y, home)
+        if abs(known[part]).max() < SAME:
             return trial
-        # replace the end that is farther away
-        if place @ place > beyond @ beyond:
-            low, place = part, there
-        else:
-            high, beyond = part, there
-        if low == high:
-            return None
     return None

@@ -16,8 +16,8 @@ from dynkit.systems import (
     ViscoelasticSpheres,
 )
 from dynkit.systems.impact.orbits.exponentials import run_through
+from dynkit.systems.impact.orbits.itineraries import flying
 from dynkit.systems.impact.orbits.itineraries.corners import Corner
-from dynkit.systems.impact.orbits.itineraries.several_modes import linear
 
 FIRST = HardStop(0, offset=-0.3, amplitude=0.1, phase=1.0, restitution=0.5, name="a")
 
@@ -180,7 +180,7 @@ def test_what_others_watch_at_an_event_needs_no_exponentials(monkeypatch: Any) -
         calls.append(given)
         return run_through(*given)
 
-    monkeypatch.setattr(linear, "run_through", counted)
+    monkeypatch.setattr(flying, "run_through", counted)
     solution = problem._solution(orbit.unknowns, problem.scene(problem.values))
     borders = sorted(problem.borders(solution), key=lambda border: isinstance(border, Corner))
     asked = []

@@ -187,16 +187,13 @@ class ImpactProblem(PeriodicProblem, WatchedProblem):
         return self.remade()
 
     def _may_happen(self, event: Happening) -> bool:
-        k, elements = event.element, self.oscillator._elements
-        hits = event.kicked is not None or event.chatters
-        if k == -1 and not hits:  # begin of a period of the forcing
+        k, elements, hits = event.element, self.oscillator._elements, event.kicked is not None
+        if k == -1 and not (hits or event.chatters):  # begin of a period of the forcing
             return True
         among = len(self.oscillator._stops) if hits else len(elements)
         rubs = all(0 <= j < len(elements) and -1 <= sign <= 1 for j, sign in event.rubs)
-        if not (0 <= k < among and rubs and event.piece >= 0):
+        if not (0 <= k < among and rubs and event.piece >= 0) or event.chatters > hits:
             return False
-        if event.chatters and event.kicked is None:
-            return event.guard == -1
         return 0 <= event.guard < len(elements[k].regimes[event.mode.numbers[k]].guards)
 
     @final

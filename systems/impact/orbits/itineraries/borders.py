@@ -26,7 +26,7 @@ from dynkit.systems.impact.orbits.borders import (
 from dynkit.systems.impact.orbits.flights import Curve
 from dynkit.systems.impact.orbits.itineraries.corners import ZERO, Corner, opens, way_back
 from dynkit.systems.impact.orbits.itineraries.happening import Happening, Itinerary
-from dynkit.systems.impact.orbits.itineraries.itinerary import regimes_of
+from dynkit.systems.impact.orbits.itineraries.itinerary import regimes_of, with_regime
 from dynkit.systems.impact.orbits.itineraries.motion import AT_ONCE, SAME
 from dynkit.systems.impact.orbits.itineraries.parting import reversed_order
 from dynkit.systems.impact.orbits.itineraries.several_modes.shooting import ShootingSolution
@@ -178,9 +178,7 @@ def beginnings(system: Any, itinerary: Itinerary) -> list[Begun]:
         regimes = system._elements[k].regimes
         watch = regimes[event.mode.numbers[k]].guards[event.guard]
         if watch.event == HALT and k not in after.held:
-            numbers = list(after.numbers)
-            numbers[k] = watch.to
-            stuck = regimes_of(system, system._parts.settled(numbers))
+            stuck = with_regime(system, after, k, watch.to)
             way = [g for g, w in enumerate(regimes[watch.to].guards) if w.to == after.numbers[k]]
             if k in stuck.held and way:
                 found.append(Begun(i, stuck, k, way[0], -1.0))
@@ -427,7 +425,7 @@ class TouchingGuard(Border):
         watch = regimes[number].guards[self.number]
         if watch.event == IMPACT:
             return self._with(x, p, [Happening(mode, k, self.number, mode)])
-        there = _changed(system, mode, k, watch.to)
+        there = with_regime(system, mode, k, watch.to)
         if there.numbers[k] != watch.to or (watch.stretch and self._meets_stop(s)):
             return None
         back = way_back(system, there, k, number)
@@ -460,7 +458,7 @@ class TouchingGuard(Border):
                     phase = float(s.lap.phases[i % s.events + 1])
                     yields = Happening(own.mode, k, g)
                     other, y = problem.with_events(x, p, i % s.events, phase, [yields])
-                    slips, events = _changed(system, own.mode, k, watch.to), [*other.itinerary]
+                    slips, events = with_regime(system, own.mode, k, watch.to), [*other.itinerary]
                     events[j + bool(j)] = own._replace(mode=slips, kicked=slips)
                     return other.remade(itinerary=tuple(events)), y
         return problem, x
@@ -471,12 +469,6 @@ class TouchingGuard(Border):
             return None
         found: tuple[Problem, Array] = self.problem.with_events(x, p, self.part, phase, more)
         return found
-
-
-def _changed(system: Any, mode: Regimes, element: int, number: int) -> Regimes:
-    """The mode in which an element has another regime."""
-    numbers = [number if k == element else own for k, own in enumerate(mode.numbers)]
-    return regimes_of(system, system._parts.settled(numbers))
 
 
 def _is_zero(s: Any, mode: Regimes, element: int, guard: int, z: Array) -> bool:

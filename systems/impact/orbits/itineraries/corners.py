@@ -12,7 +12,7 @@ from dynkit.systems.impact.elements.element import HALT
 from dynkit.systems.impact.elements.stops import SoftStop
 from dynkit.systems.impact.orbits.borders import Border
 from dynkit.systems.impact.orbits.itineraries.happening import Happening
-from dynkit.systems.impact.orbits.itineraries.itinerary import regimes_of
+from dynkit.systems.impact.orbits.itineraries.itinerary import with_regime
 from dynkit.systems.impact.orbits.itineraries.motion import SAME
 from dynkit.systems.impact.orbits.itineraries.several_modes.divided import watch_of
 from dynkit.systems.impact.orbits.machine import Regimes
@@ -97,9 +97,7 @@ class Corner(Border):
         if event.element != k:
             return None
         lifts = Happening(event.mode, k, self.number)
-        numbers = list(event.mode.numbers)
-        numbers[k] = watch_of(system, lifts).to
-        lifted = regimes_of(system, system._parts.settled(numbers))
+        lifted = with_regime(system, event.mode, k, watch_of(system, lifts).to)
         events = [*s.itinerary]
         events[self.part] = lifts
         problem = self.problem.remade(itinerary=tuple(events))
@@ -128,7 +126,5 @@ def way_back(system: Any, mode: Regimes, k: int, number: int) -> list[Happening]
                 return events
             if watch.to not in seen:
                 seen.add(watch.to)
-                numbers = [watch.to if j == k else own for j, own in enumerate(now.numbers)]
-                settled = system._parts.settled(numbers)
-                ways.append((regimes_of(system, settled), events))
+                ways.append((with_regime(system, now, k, watch.to), events))
     return []

@@ -120,6 +120,12 @@ def regimes_of(oscillator: ImpactMap, numbers: Sequence[int]) -> Regimes:
     return _regimes(oscillator._automaton, tuple(numbers))
 
 
+def with_regime(oscillator: ImpactMap, mode: Regimes, element: int, number: int) -> Regimes:
+    """The mode in which an element has another regime."""
+    numbers = [number if k == element else own for k, own in enumerate(mode.numbers)]
+    return regimes_of(oscillator, oscillator._parts.settled(numbers))
+
+
 @kept
 def _regimes(automaton: Any, numbers: tuple[int, ...]) -> Regimes:
     mode, parts = automaton.mode(numbers), automaton.parts
