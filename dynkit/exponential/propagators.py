@@ -154,7 +154,7 @@ def steps(pairs: Pairs, smallest: float, rungs: int) -> Array:
 
 def _fill_steps(pairs: Pairs, smallest: float, first: int, last: int, step: Array) -> None:
     parts = (part.reshape(2, 2, -1) for part in (pairs.generator, pairs.generator_low))
-    into = step.reshape(-1, 2, 2, 2, step.shape[2])
+    into = step.reshape(len(step), 2, 2, 2, step.shape[2])
     _kernels()[0].fill_steps(*parts, smallest, _ORDERS, first, last, into, np.empty((8, 2, 2)))
 
 
