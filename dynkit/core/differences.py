@@ -2,11 +2,12 @@
 
 from collections.abc import Callable, Iterable, Sequence
 from functools import cache
+from typing import Any
 
 import numpy as np
 
-from dynkit.core.no_motion import NoMotion, Refused
-from dynkit.core.validation import Array
+from dynkit.core.no_motion import NoMotion, Refused, replaced
+from dynkit.core.validation import Array, finite_scalar
 
 STEP = 1e-40
 """Imaginary step of complex-step derivatives: its square is negligible beside one."""
@@ -105,6 +106,20 @@ def parameter_difference(
         if least.max(initial=0.0) <= wanted * abs(best).max(initial=0.0):
             break
     return best
+
+
+def by_parameter(system: Any, name: str, function: Callable[[Any], Array], **options: Any) -> Array:
+    """Differentiate a function of a system by one of its parameters, as `parameter_difference`.
+
+    Raises
+    ------
+    ValueError
+        When there is no such parameter, or its value is not finite.
+    """
+    value = finite_scalar(name, system.value_of(name))
+    return parameter_difference(
+        lambda changed: function(replaced(system, **{name: changed})), value, **options
+    )
 
 
 def numerical_derivative(

@@ -6,15 +6,14 @@ from typing import Any, ClassVar, final
 
 import numpy as np
 
-from dynkit.core.differences import numerical_derivative, parameter_difference
-from dynkit.core.no_motion import Diverged, replaced
+from dynkit.core.differences import by_parameter, numerical_derivative
+from dynkit.core.no_motion import Diverged
 from dynkit.core.parameters import Family
 from dynkit.core.stretching import Stretching
 from dynkit.core.validation import (
     Array,
     all_finite,
     finite_array,
-    finite_scalar,
     non_negative_integer,
     returned,
     within_memory,
@@ -217,13 +216,8 @@ class SmoothMap(Family, ABC):
             When the state is not finite, or not of that shape; when there is no such parameter, or
             its value is not finite.
         """
-        value = finite_scalar(name, self.value_of(name))
-        return parameter_difference(
-            lambda changed: replaced(self, **{name: changed})(state),
-            value,
-            accuracy=self.accuracy,
-            difference=self.difference,
-        )
+        how = {"accuracy": self.accuracy, "difference": self.difference}
+        return by_parameter(self, name, lambda system: system(state), **how)
 
     @property
     def observables(self) -> Sequence[str]:

@@ -9,14 +9,13 @@ from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple, TypeAlias, final
 
 import numpy as np
 
-from dynkit.core.differences import numerical_derivative, parameter_difference
-from dynkit.core.no_motion import Diverged, replaced
+from dynkit.core.differences import by_parameter, numerical_derivative
+from dynkit.core.no_motion import Diverged
 from dynkit.core.parameters import Family
 from dynkit.core.smooth_map import stretched
 from dynkit.core.stretching import CLEAR, Stretching
 from dynkit.core.validation import (
     finite_array,
-    finite_scalar,
     non_negative_integer,
     one_of,
     positive,
@@ -196,9 +195,7 @@ class Flow(Family, ABC):
         ValueError
             As ``velocity``; and when there is no such parameter.
         """
-        return parameter_difference(
-            lambda changed: replaced(self, **{name: changed}).velocity(state), self.value_of(name)
-        )
+        return by_parameter(self, name, lambda flow: flow.velocity(state))
 
     @final
     def integral(self, name: str, state: Array) -> float:
@@ -213,11 +210,8 @@ class Flow(Family, ABC):
 
     def integral_parameter_derivative(self, name: str, state: Array, parameter: str) -> float:
         """Return the derivative of one of the `integrals` at a state, (d,), by a parameter."""
-
-        def value(changed: float) -> Array:
-            return np.array([replaced(self, **{parameter: changed}).integral(name, state)])
-
-        return float(parameter_difference(value, self.value_of(parameter))[0])
+        found = by_parameter(self, parameter, lambda at: np.array([at.integral(name, state)]))
+        return float(found[0])
 
     @abstractmethod
     def advance(self, state: Array, duration: float) -> Array:
@@ -267,11 +261,8 @@ class Flow(Family, ABC):
         ValueError
             As ``advance``; and when there is no such parameter, or its value is not finite.
         """
-        return parameter_difference(
-            lambda changed: replaced(self, **{name: changed}).advance(state, duration),
-            finite_scalar(name, self.value_of(name)),
-            accuracy=self.accuracy,
-        )
+        how = {"accuracy": self.accuracy}
+        return by_parameter(self, name, lambda flow: flow.advance(state, duration), **how)
 
     @property
     def accuracy(self) -> float:

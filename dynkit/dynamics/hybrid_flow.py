@@ -11,9 +11,9 @@ from typing import TYPE_CHECKING, Any, ClassVar, Self, final
 import numpy as np
 
 from dynkit.core.angles import in_turn
-from dynkit.core.differences import numerical_derivative, parameter_difference
+from dynkit.core.differences import by_parameter, numerical_derivative
 from dynkit.core.kept import cached_property
-from dynkit.core.no_motion import NoCrossing, TangentCrossing, replaced
+from dynkit.core.no_motion import NoCrossing, TangentCrossing
 from dynkit.core.validation import Array, finite_array, index_in, of_type, positive, returned
 from dynkit.dynamics.flow import Crossing, Flow
 from dynkit.dynamics.return_map import ReturnMap
@@ -79,11 +79,7 @@ class HybridFlow(Flow):
 
     def guard_parameter_derivative(self, state: Array, name: str) -> float:
         """Return the derivative of the guard at a state, (d,), by a parameter."""
-        by_value = parameter_difference(
-            lambda changed: np.array([_guard(replaced(self, **{name: changed}), state)]),
-            self.value_of(name),
-        )
-        return float(by_value[0])
+        return float(by_parameter(self, name, lambda at: np.array([_guard(at, state)]))[0])
 
     def reset_jacobian(self, state: Array) -> Array:
         """Return the derivative, (d, d), of the state after the jump by that before it, (d,)."""
@@ -92,9 +88,7 @@ class HybridFlow(Flow):
 
     def reset_parameter_derivative(self, state: Array, name: str) -> Array:
         """Return the derivative, (d,), of the state after the jump by a parameter."""
-        return parameter_difference(
-            lambda changed: replaced(self, **{name: changed}).reset(state), self.value_of(name)
-        )
+        return by_parameter(self, name, lambda flow: flow.reset(state))
 
 
 def smooth(name: str, flow: Flow) -> None:

@@ -4,14 +4,14 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any, Self, final
 
 import numpy as np
 
-from dynkit.core.differences import numerical_derivative, parameter_difference
+from dynkit.core.differences import by_parameter, numerical_derivative
 from dynkit.core.kept import cached_property
-from dynkit.core.no_motion import NoCrossing, Refused, TangentCrossing, replaced
+from dynkit.core.no_motion import NoCrossing, Refused, TangentCrossing
 from dynkit.core.validation import (
     Array,
     check_fields,
@@ -123,11 +123,8 @@ class Level:
             return along
         moved = np.zeros(len(reduced))
         if self._is_off(reduced, here):
-            moved = multiple * parameter_difference(
-                lambda value: Level(
-                    replaced(self.flow, **{parameter: value}), self.section, self.name, self.value
-                ).gradient(reduced),
-                self.flow.value_of(parameter),
+            moved = multiple * by_parameter(
+                self.flow, parameter, lambda flow: replace(self, flow=flow).gradient(reduced)
             )
         full = self.section.lift(here)
         change = self.flow.integral_parameter_derivative(self.name, full, parameter)

@@ -4,12 +4,11 @@ from __future__ import annotations
 
 import json
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any, ClassVar, Self
 
 import numpy as np
 
-from dynkit.core.kept import cached_property
 from dynkit.core.validation import Array, finite_array, non_negative_integer, positive_integer
 from dynkit.data.store import identity_of, kind_of
 from dynkit.dynamics.attractor import Attractor
@@ -50,6 +49,8 @@ class Plan:
     observables: tuple[str, ...]
     start: Array
     follow: bool = False
+    # in a worker alone: the system at the values simulated last, and those with their last state
+    _known: dict[str, Any] = field(default_factory=dict, init=False, repr=False)
 
     @classmethod
     def of(
@@ -107,14 +108,15 @@ class Plan:
         """Kinds of numbers and shapes of the rows, by name."""
         raise NotImplementedError
 
-    @cached_property
-    def first(self) -> Map:
-        """The system at the first values."""
-        if self.system is None:
+    def system_at(self, *values: float) -> Map:
+        """Return the system at values of the parameters."""
+        # a system at other values may know what does not depend on the parameters
+        known: Map | None = self._known.get("system", self.system)
+        if known is None:
             raise ValueError(
                 f"system must be given to load a {self.KIND} that is to simulate; got None"
             )
-        return self.system.replace(**dict(zip(self.names, self.begin, strict=True)))
+        return known.replace(**dict(zip(self.names, values, strict=True)))
 
     def entries(self, **own: str) -> dict[str, str]:
         """Return the texts of a store that identify the simulations."""
@@ -123,7 +125,7 @@ class Plan:
             "system": self.kind,
             **own,
             "start": "given" if len(self.start) else "the system's own",
-            **identity_of(self.first),
+            **identity_of(self.system_at(*self.begin)),
             "transient": str(self.transient),
             "keep": str(self.keep),
             "observables": json.dumps(self.observables),

@@ -50,14 +50,12 @@ class SweepPlan(Plan):
     """The plan of a sweep."""
 
     KIND = "sweep"
-    # in `work` alone: the system at the value simulated last, and that value with its last state
-    _known: dict[str, Any] = field(default_factory=dict, init=False, repr=False)
 
     def points(self, values: Array) -> Points:
         """Return values of the parameter, (k,), as points of the engine."""
         return Points(
             len(values),
-            lambda: self,
+            partial(replace, self),
             partial(self.task, values),
             self.entries(parameter=self.names[0], follow=str(self.follow)),
             {"values": values, "start": self.start},
@@ -135,17 +133,11 @@ class SweepPlan(Plan):
 
     def start_after(self, before: tuple[float, Array] | None) -> Any:
         """Return the start after a value and its packed last state; that of the first for None."""
-        if before is None:
-            return self.first.unpack_state(self.start) if len(self.start) else None
-        value, packed = before
+        if before is None and not len(self.start):  # the default start of the system
+            return None
+        value, packed = before or (self.begin[0], self.start)
         known, state = self._known.get("last", (None, None))
         return state if known == value else self.system_at(value).unpack_state(packed)
-
-    def system_at(self, value: float) -> Map:
-        """Return the system at a value."""
-        # a system at another value may know what does not depend on the parameter
-        known: Map = self._known.get("system", self.first)
-        return known.replace(**{self.names[0]: value})
 
     def following(self, system: Map, start: Any) -> tuple[Attractor, bool]:
         """Simulate and leave unstable orbits; return the motion, and whether it was displaced.

@@ -6,15 +6,14 @@ from typing import TypeAlias
 
 import numpy as np
 
-from dynkit.core.no_motion import replaced
 from dynkit.core.validation import Array, finite_array
 from dynkit.dynamics.flow import Flow
 from dynkit.testing.requirements import (
     FLOW_ACCURACY,
     VectorFunction,
-    inside_its_range,
     require_close,
     require_derivative,
+    require_parameter_derivatives,
     require_pure,
     require_refusal,
     require_shape,
@@ -84,19 +83,13 @@ def flow_derivative_is_the_derivative(flow: Flow, states: Array) -> None:
 
 def flow_parameter_derivatives_are_right(flow: Flow, states: Array) -> None:
     """The derivatives by the parameters equal differences of the advanced state."""
-    for name in flow.parameters:
-        at = inside_its_range(flow, name, partial(_advanced, states[0], name))
-        if at is None:
-            continue
-        derivative = at.parameter_derivative(states[0], _DURATION, name)
-        require_shape(f"the flow's derivative by {name}", derivative, (flow.dimension,))
-        require_derivative(
-            f"the flow's derivative by {name}",
-            derivative[:, None],
-            partial(_advanced, states[0], name, at),
-            np.array([at.parameters[name]]),
-            accuracy=flow.accuracy,
-        )
+    require_parameter_derivatives(
+        "the flow's derivative",
+        flow,
+        lambda at: at.advance(states[0], _DURATION),
+        lambda at, name: at.parameter_derivative(states[0], _DURATION, name),
+        accuracy=flow.accuracy,
+    )
 
 
 flow_checks: tuple[FlowCheck, ...] = (
@@ -127,7 +120,3 @@ def _functions(flow: Flow) -> list[tuple[str, VectorFunction]]:
 
 def _path(flow: Flow, start: Array, time: Array) -> Array:
     return flow.advance(start, float(time[0]))
-
-
-def _advanced(start: Array, name: str, flow: Flow, value: Array) -> Array:
-    return replaced(flow, **{name: float(value[0])}).advance(start, _DURATION)

@@ -1,18 +1,16 @@
 """Checks of maps against the contract of `Map`."""
 
 from collections.abc import Callable
-from functools import partial
 from typing import TypeAlias
 
 import numpy as np
 
-from dynkit.core.no_motion import replaced
 from dynkit.core.validation import Array, finite_array
 from dynkit.dynamics.map import Map
 from dynkit.testing.requirements import (
-    inside_its_range,
     require,
     require_derivative,
+    require_parameter_derivatives,
     require_pure,
     require_refusal,
     require_shape,
@@ -82,20 +80,14 @@ def parameter_derivatives_are_right(system: Map, states: Array) -> None:
 
     A parameter at an end of its range is compared at a value inside the range.
     """
-    for name in system.parameters:
-        at = inside_its_range(system, name, partial(_next_state, states[0], name))
-        if at is None:
-            continue
-        derivative = at.parameter_derivative(states[0], name)
-        require_shape(f"the derivative by {name}", derivative, (system.dimension,))
-        require_derivative(
-            f"the derivative by {name}",
-            derivative[:, None],
-            partial(_next_state, states[0], name, at),
-            np.array([at.parameters[name]]),
-            difference=system.difference,
-            accuracy=system.accuracy,
-        )
+    require_parameter_derivatives(
+        "the derivative",
+        system,
+        lambda at: at(states[0]),
+        lambda at, name: at.parameter_derivative(states[0], name),
+        difference=system.difference,
+        accuracy=system.accuracy,
+    )
 
 
 def iterate_repeats_the_call(system: Map, states: Array) -> None:
@@ -158,7 +150,3 @@ def check_map(system: Map, states: Array) -> None:
     given = finite_array("states", states, (None, system.dimension))
     for check in map_checks:
         check(system, given)
-
-
-def _next_state(state: Array, name: str, system: Map, value: Array) -> Array:
-    return replaced(system, **{name: float(value[0])})(state)

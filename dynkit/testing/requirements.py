@@ -1,7 +1,8 @@
 """Requirements used by the checks: each raises an AssertionError that names it."""
 
 from collections.abc import Callable
-from typing import TypeAlias, TypeVar
+from functools import partial
+from typing import Any, TypeAlias, TypeVar
 
 import numpy as np
 
@@ -136,3 +137,28 @@ def inside_its_range(
             continue
         return inside
     raise AssertionError(f"{name} can be changed: it cannot, from {value}")
+
+
+def require_parameter_derivatives(
+    what: str,
+    system: _Family,
+    call: Callable[[_Family], Array],
+    derivative: Callable[[_Family, str], Array],
+    **options: Any,
+) -> None:
+    """Require that derivatives by the parameters equal differences of a call, inside their ranges.
+
+    Options are those of `require_derivative`.
+    """
+
+    def moved(name: str, at: _Family, value: Array) -> Array:
+        return call(replaced(at, **{name: float(value[0])}))
+
+    for name in system.parameters:
+        at = inside_its_range(system, name, partial(moved, name))
+        if at is None:
+            continue
+        found, here = derivative(at, name), np.array([at.parameters[name]])
+        require_shape(f"{what} by {name}", found, call(system).shape)
+        call_at = partial(moved, name, at)
+        require_derivative(f"{what} by {name}", found[:, None], call_at, here, **options)

@@ -65,3 +65,7 @@ def test_steps_beside_another_table_are_those_made_anew(frequency: float, couple
 def test_another_table_is_refused_as_any_is() -> None:
     with pytest.raises(ValueError, match=r"must not exceed 1e\+60; got 1e\+200"):
         Propagators.of(scene(0.2)).turning(TABLE, 1e200)
+
+
+def test_no_pairs_have_steps_without_slots() -> None:
+    assert propagators.steps(Pairs.empty(), 0.5, 3).shape == (3, 8, 0)

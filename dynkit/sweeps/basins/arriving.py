@@ -121,7 +121,10 @@ class Starts:
         rows = self._sampled(sample)
         self.sampling = rows.cost
         firsts = [found.place for found, _ in orbits_in(look, rows, sample)]
-        known = np.array([k for k in firsts if _attracts(rows, k)], dtype=np.intp)
+        labels = [label_at(rows, place) for place in firsts]
+        lasting = OrbitKind.PERIODIC, OrbitKind.STICKING
+        stable = [label.kind in lasting and bool(label.stable) for label in labels]
+        known = np.array(firsts, dtype=np.intp)[stable]
         if not len(known):
             return look
         arrays = {name: array[known] for name, array in rows.arrays.items()}
@@ -134,9 +137,3 @@ class Starts:
         for number, rows in finished(self.look, tasks, self.executor):
             findings.add(slice(*chunks[number]), rows)
         return findings.rows()
-
-
-def _attracts(rows: Rows, place: int) -> bool:
-    """Whether a motion is on a stable P(n,m) or P(inf,m)."""
-    label = label_at(rows, place)
-    return label.kind in (OrbitKind.PERIODIC, OrbitKind.STICKING) and bool(label.stable)

@@ -2,39 +2,25 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from dynkit.core.validation import Array
 from dynkit.labels.label import OrbitKind
 from dynkit.plotting.figures import ink
-from dynkit.plotting.regions import Region, css_of, draw_regions, shades
+from dynkit.plotting.regions import Region, css_of, shades
 from dynkit.sweeps.swept import NO_SYSTEM
 from dynkit.viewer.page import page_of_cells
 
 if TYPE_CHECKING:
-    from matplotlib.axes import Axes
-
     from dynkit.viewer.page import Page
 
 
 # Largest number of labels of periodic motions with separate colours.
 _MOST = 11
-
-
-def draw_map(
-    values: Mapping[str, Array],
-    names: NDArray[np.str_],
-    where_is: Callable[[OrbitKind], NDArray[np.bool_]],
-    ax: Axes | None,
-) -> Axes:
-    """Draw the kinds of motion; see `ParameterMap.plot`."""
-    (one, first), (other, second) = values.items()
-    return draw_regions(ax, (first, second), (one, other), *regions_of(names, where_is))
 
 
 def regions_of(

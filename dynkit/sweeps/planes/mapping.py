@@ -9,7 +9,7 @@ import time
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from concurrent.futures import Executor
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Any, ClassVar, final
@@ -79,7 +79,7 @@ class PlanePlan(Plan):
         inputs = {f"values of {name}": axis for name, axis in zip(self.names, values, strict=True)}
         return Points(
             len(values[0]) * len(values[1]),
-            lambda: self,
+            partial(replace, self),
             partial(self.task, values),
             self.entries(parameters=json.dumps(self.names), exponents=str(self.exponents)),
             {**inputs, "start": self.start},
@@ -95,6 +95,11 @@ class PlanePlan(Plan):
     def columns(self) -> Columns:
         found: Columns = {**COLUMNS, "largest": ("f", (len(self.observables),))}
         return {**found, "exponent": ("f", ())} if self.exponents else found
+
+    @cached_property
+    def first(self) -> Map:
+        """The system at the first pair, of which those at other pairs may keep parts."""
+        return self.system_at(*self.begin)
 
     def motion_at(self, first: float, second: float) -> Attractor:
         """Simulate at a pair of values.
@@ -523,9 +528,12 @@ class ParameterMap(Viewed, Swept):
         ax : Axes, optional
             Axes to draw into; by default those of a new figure of column width.
         """
-        from dynkit.sweeps.planes.drawing import draw_map
+        from dynkit.plotting.regions import draw_regions
+        from dynkit.sweeps.planes.drawing import regions_of
 
-        return draw_map(self.values, self.names, self.where, ax)
+        first, second = self._axes
+        regions = regions_of(self.names, self.where)
+        return draw_regions(ax, (first, second), self.parameters, *regions)
 
     def _page(self, motions: int) -> Page:
         from dynkit.sweeps.planes.drawing import page_of
