@@ -165,16 +165,28 @@ def followed_in_many_digits(velocity: VelocityOf, state: list[Many], duration: M
 
 
 def taylor(velocity: VelocityOf, start: list[Many]) -> list[Many]:
-    """Picard's iteration: each round gives one more coefficient."""
-    paths = [arb_series([x]) for x in start]
-    cap = ctx.cap
+    """Taylor series of the motion, two coefficients at a time.
+
+    If a path is known to order n, its velocity is right to order n, which gives coefficient n + 1.
+    The Jacobian at the start, times that coefficient, corrects order n + 1 of the velocity.
+    """
+    size, cap = len(start), ctx.cap
+    paths = [[x] for x in start]
     try:
-        for order in range(1, ORDER + 1):
-            ctx.cap = order + 1
-            paths = [x + rate.integral() for x, rate in zip(start, velocity(paths), strict=True)]
+        ctx.cap = 2
+        ways = [[arb_series([x, i == j]) for j, x in enumerate(start)] for i in range(size)]
+        slopes = [[rate[1] for rate in velocity(way)] for way in ways]
+        for order in range(0, ORDER, 2):
+            ctx.cap = order + 2
+            rates = velocity([arb_series(path) for path in paths])
+            first = [rate[order] / (order + 1) for rate in rates]
+            for i, path in enumerate(paths):
+                more = sum((slopes[j][i] * first[j] for j in range(size)), rates[i][order + 1])
+                path += [first[i], more / (order + 2)]
+        ctx.cap = ORDER + 1
+        return [arb_series(path) for path in paths]
     finally:
         ctx.cap = cap
-    return paths
 
 
 def advanced_by_mpmath(flow: IntegratedFlow, state: list[float], duration: float) -> list[float]:
