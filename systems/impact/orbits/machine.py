@@ -23,7 +23,7 @@ import numpy as np
 
 from dynkit.core.differences import STEP, parameter_difference
 from dynkit.core.kept import kept
-from dynkit.core.no_motion import Refused
+from dynkit.core.no_motion import NoDerivative, Refused
 from dynkit.core.validation import Array
 from dynkit.orbits.newton import NoSolution
 from dynkit.systems.impact.elements.friction import FORWARD
@@ -121,7 +121,7 @@ def derivative(function: Callable[[float], Array], value: float) -> Array:
         # the scale of the value first: each evaluation builds an oscillator
         scales = (abs(value), 1.0) if value else (1.0,)
         return parameter_difference(allowed, value, scales=scales)
-    except Refused as refusal:
+    except (Refused, NoDerivative) as refusal:
         raise NoSolution(str(refusal)) from refusal
 
 
