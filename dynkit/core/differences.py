@@ -2,11 +2,11 @@
 
 from collections.abc import Callable, Iterable, Sequence
 from functools import cache
-from typing import Any
+from typing import Any, final
 
 import numpy as np
 
-from dynkit.core.no_motion import NoMotion, Refused, replaced
+from dynkit.core.no_motion import NoDerivative, NoMotion, Refused, replaced
 from dynkit.core.validation import Array, finite_scalar
 
 STEP = 1e-40
@@ -34,6 +34,9 @@ _UNSETTLED = 0.25
 # A slope near zero is accepted if its error is below that of a difference quotient at the fifth
 # step, a sixteenth of the first, which follows from the errors of the values.
 _BLUR = _MARGIN * 16.0
+# Slopes on both sides differ if their difference is above this many times their estimated errors.
+# The errors are underestimated where rounding errors of the values exceed the accuracy.
+_CORNER = 64.0
 
 
 def parameter_difference(
@@ -79,6 +82,8 @@ def parameter_difference(
         When the function is refused at the value itself.
     Refused
         When the function is refused at all steps on both sides.
+    NoDerivative
+        When the slopes on both sides differ, the function jumps, or differences do not converge.
 
     References
     ----------
@@ -97,14 +102,19 @@ def parameter_difference(
     if not scales:
         scales = sorted({max(abs(value), 1.0), abs(value) or 1.0}, reverse=abs(value) >= _SMALL)
     for scale in scales:
-        found, error, _ = _derivative(function, value, scale, center, size, accuracy, difference)
+        quotients = _Quotients(function, value, scale, center, accuracy, size, difference)
+        found, error = quotients.derivative()
         # where two scales disagree, the larger steps do not resolve the function
         apart = abs(found - best) > _MARGIN * (error + least)
         better = np.where(apart, scale < before, error < least)
         best, least = np.where(better, found, best), np.where(better, error, least)
         before = scale
         if least.max(initial=0.0) <= wanted * abs(best).max(initial=0.0):
-            break
+            return best
+    if quotients.jumps(best) or quotients.corner(best).any():
+        raise NoDerivative(f"there is no derivative at {value!r}: the slopes on both sides differ")
+    if not quotients.settled(best, _MARGIN * least, size):
+        raise NoDerivative(f"there is no derivative at {value!r}: differences do not settle")
     return best
 
 
@@ -190,70 +200,134 @@ def numerical_derivative(
 
         scale = max(abs(value), _TENTH * size) or 1.0
         with np.errstate(over="ignore", invalid="ignore", divide="ignore"):
-            slope, off, steep = _derivative(along, value, scale, center, size, accuracy, difference)
-        # if values and point are zero, the only rounding error is that of the slope
-        derivative[:, k], error[:, k] = slope, _MARGIN * off + accuracy * abs(slope)
-        blur = _BLUR * accuracy ** (_ORDER / (_ORDER + 1.0)) * size / scale
-        if error[:, k].max() > max(_UNSETTLED * max(abs(slope).max(), steep), blur):
+            quotients = _Quotients(along, value, scale, center, accuracy, size, difference)
+            slope, off = quotients.derivative()
+            # if values and point are zero, the only rounding error is that of the slope
+            off = _MARGIN * off + accuracy * abs(slope)
+            if off.max(initial=0.0) > _CLEAR * abs(slope).max(initial=0.0):
+                off = np.maximum(off, quotients.corner(slope))
+            settled = quotients.settled(slope, off, size)
+        if not settled:
             raise Refused(
                 f"there is no derivative by number {k} of {point.tolist()}: differences do not "
                 "settle"
             )
+        derivative[:, k], error[:, k] = slope, off
     return derivative, error
 
 
-def _derivative(
-    function: Callable[[float], Array],
-    value: float,
-    scale: float,
-    center: Array,
-    size: float,
-    accuracy: float,
-    difference: Callable[[Array, Array], Array],
-) -> tuple[Array, Array, float]:
-    """Return derivative (m,), its error (m,), and the steepest first difference on either side.
+_Quotient = Callable[[float], tuple[Array, Array, float]]
 
-    `size` is that of the values, for their rounding; steps are in units of `scale`.
+
+@final
+class _Quotients:
+    """Difference quotients of a function (m,) at ever smaller steps, in units of `scale`.
+
+    The error of its values is `accuracy`, relative to their `size`.
     """
-    refused = np.full(center.shape, np.nan)
 
-    @cache
-    def change(step: float) -> tuple[Array, float]:
-        there = value + step
-        try:
-            return np.asarray(difference(function(there), center)), there - value
-        except NoMotion:
-            return refused, there - value
+    def __init__(
+        self,
+        function: Callable[[float], Array],
+        value: float,
+        scale: float,
+        center: Array,
+        accuracy: float,
+        size: float,
+        difference: Callable[[Array, Array], Array],
+    ) -> None:
+        self._refused = np.full(center.shape, np.nan)
+        self._value, self._scale, self._accuracy = value, scale, accuracy
+        self._noise = accuracy * size
+        first = scale * accuracy ** (1.0 / (_ORDER + 1))
+        self._steps = [first / 2.0**k for k in range(_HALVINGS)]
 
-    def central(step: float) -> tuple[Array, Array, float]:
-        (ahead, forward), (behind, backward) = change(step), change(-step)
+        @cache
+        def change(step: float) -> tuple[Array, float]:
+            there = value + step
+            try:
+                return np.asarray(difference(function(there), center)), there - value
+            except NoMotion:
+                return self._refused, there - value
+
+        self._change = change
+
+    def _central(self, step: float) -> tuple[Array, Array, float]:
+        (ahead, forward), (behind, backward) = self._change(step), self._change(-step)
         return (ahead - behind) / (forward - backward), 0.5 * (ahead + behind), forward - backward
 
-    def ahead(step: float) -> tuple[Array, Array, float]:
-        found, forward = change(step)
+    def _ahead(self, step: float) -> tuple[Array, Array, float]:
+        found, forward = self._change(step)
         return found / forward, 0.0 * found, forward
 
-    def behind(step: float) -> tuple[Array, Array, float]:
-        found, backward = change(-step)
+    def _behind(self, step: float) -> tuple[Array, Array, float]:
+        found, backward = self._change(-step)
         return found / backward, 0.0 * found, -backward
 
-    first = scale * accuracy ** (1.0 / (_ORDER + 1))
-    steps = [first / 2.0**k for k in range(_HALVINGS)]
-    kinds = [(central, 4.0)]
-    if np.isnan(change(steps[0])[0] + change(-steps[0])[0]).any():
-        # near an end of the range the first central steps are refused
-        kinds = [(ahead, 2.0), (behind, 2.0), (central, 4.0)]
-    best, error = refused, np.full(center.shape, np.inf)
-    for kind, power in kinds:
-        found, its_error = extrapolated(map(kind, steps), power, accuracy * size)
-        if not its_error.max(initial=0.0) >= error.max(initial=0.0):
-            best, error = found, its_error
-        if error.max(initial=0.0) <= _ENOUGH * abs(best).max(initial=0.0):
-            break
-    if not np.isfinite(error).all():
-        raise Refused(f"values must exist on at least one side of {value!r}; there are none")
-    ends = [abs(found / way) for found, way in map(change, (steps[0], -steps[0]))]
-    return best, error, float(np.nan_to_num(ends).max(initial=0.0))
+    def _limit(self, kind: _Quotient, power: float) -> tuple[Array, Array]:
+        return extrapolated(map(kind, self._steps), power, self._noise)
+
+    def derivative(self) -> tuple[Array, Array]:
+        """The derivative (m,) and its error (m,)."""
+        first, last = self._steps[0], self._steps[-1]
+        kinds = [(self._central, 4.0)]
+        within = np.isfinite(self._change(first)[0] + self._change(-first)[0]).all()
+        if not within:
+            # near an end of the range the first central steps are refused
+            kinds = [(self._ahead, 2.0), (self._behind, 2.0), (self._central, 4.0)]
+        best, error = self._refused, np.full(self._refused.shape, np.inf)
+        for kind, power in kinds:
+            found, its_error = self._limit(kind, power)
+            if not its_error.max(initial=0.0) >= error.max(initial=0.0):
+                best, error = found, its_error
+            if error.max(initial=0.0) <= _ENOUGH * abs(best).max(initial=0.0):
+                break
+        if not np.isfinite(error).all():
+            raise Refused(
+                f"values must exist on at least one side of {self._value!r}; there are none"
+            )
+        if not within and np.isfinite(self._change(last)[0] + self._change(-last)[0]).all():
+            # one side alone does not show a corner
+            error = np.maximum(error, self._apart()[2])
+        return best, error
+
+    def _apart(self) -> tuple[Array, Array, Array]:
+        """Slopes (m,) ahead and behind, and their differences; zero where they agree."""
+        (ahead, off), (behind, its_off) = (
+            self._limit(kind, 2.0) for kind in (self._ahead, self._behind)
+        )
+        apart = abs(ahead - behind)
+        return ahead, behind, np.where(apart > _CORNER * (off + its_off), apart, 0.0)
+
+    def corner(self, slope: Array) -> Array:
+        """Differences (m,) of the slopes on both sides; zero where they agree within errors.
+
+        Beside a corner, the slope agrees with that on one side, and on the other side the smallest
+        steps do.
+        """
+        ahead, behind, apart = self._apart()
+        off = np.minimum(abs(ahead - slope), abs(behind - slope))
+        return np.where(off > apart / 16.0, apart, 0.0)
+
+    def jumps(self, slope: Array) -> bool:
+        """Whether changes over the smallest steps are not those of the slope (m,), nor fall."""
+        for way in (1.0, -1.0):
+            first, before, last = (
+                self._change(way * self._steps[k])[0] - way * self._steps[k] * slope
+                for k in (0, -4, -1)
+            )
+            least = np.maximum(_CORNER * self._noise, _CLEAR * np.nan_to_num(abs(first)))
+            if (abs(last) > np.maximum(least, 0.5 * abs(before))).any():
+                return True
+        return False
+
+    def settled(self, slope: Array, error: Array, size: float) -> bool:
+        """Whether an error (m,) is small beside the slope (m,), or beside that of the values."""
+        first = self._steps[0]
+        ends = [abs(found / way) for found, way in map(self._change, (first, -first))]
+        steepest = np.nan_to_num(ends).max(initial=abs(slope).max(initial=0.0))
+        blur = _BLUR * self._accuracy ** (_ORDER / (_ORDER + 1.0)) * size / self._scale
+        return bool(error.max(initial=0.0) <= max(_UNSETTLED * steepest, blur))
 
 
 def extrapolated(

@@ -1,13 +1,16 @@
 """Derivatives by parameters: differences are right to 1e-8 and better, overrides are exact."""
 
+from collections.abc import Callable
+
 import numpy as np
 import pytest
 
-from dynkit.core.differences import parameter_difference
-from dynkit.core.no_motion import NoCrossing, Refused
+from dynkit.core.differences import numerical_derivative, parameter_difference
+from dynkit.core.no_motion import NoCrossing, NoDerivative, Refused
 from dynkit.core.validation import Array
 from dynkit.dynamics.map import Map
 from dynkit.systems import Henon, HighBounce, Logistic
+from tests.effort import some
 from tests.example_systems import CircleRotation
 
 ROUNDING = 2.0**-52
@@ -84,6 +87,99 @@ def test_jumps_on_both_sides_are_not_taken_for_a_slope() -> None:
 
     # only steps below 1e-5 see the function: rounding over the step
     assert parameter_difference(pocket, 1.0) == pytest.approx(slope(1.0), abs=10 * ROUNDING / 1e-6)
+
+
+def smooth(random: np.random.Generator) -> tuple[Callable[[float], Array], float]:
+    """A random smooth function, which may be steep or oscillate, and a place."""
+    (a, b, c), rate = random.normal(size=3), 10.0 ** random.uniform(-1.0, 4.0)
+    place = float(random.choice([0.0, random.normal(), 10.0 ** random.uniform(-6.0, 2.0)]))
+    coefficients, kind = random.normal(size=6), int(random.integers(5))
+
+    def function(x: float) -> Array:
+        near = rate * (x - place) + b
+        kinds = (
+            lambda: a * np.sin(rate * x) + b * np.cos(0.7 * rate * x),
+            lambda: a * np.tanh(near),
+            lambda: a * np.exp(-min(near**2, 700.0)) + c * x,
+            lambda: a / (1.0 + near**2),
+            lambda: np.polyval(coefficients, x),
+        )
+        return np.array([kinds[kind]()])
+
+    return function, place
+
+
+def noisy(number: int, accuracy: float) -> tuple[Callable[[float], Array], float, float]:
+    """A random smooth function with errors, a place, and a change of slope to compare with."""
+    random = np.random.default_rng(number)
+    function, place = smooth(random)
+    size, steep = abs(function(place)).max(), abs(function(place + 1e-7) - function(place)) / 1e-7
+    noise = accuracy * size if accuracy > ROUNDING else 0.0
+    corner = random.choice([-1.0, 1.0]) * 10.0 ** random.uniform(-2.0, 1.0) * max(steep[0], size)
+    return lambda x: function(x) + noise * random.uniform(-1.0, 1.0), place, float(corner)
+
+
+def bent(
+    function: Callable[[float], Array], place: float, corner: float, jump: float = 0.0
+) -> Callable[[float], Array]:
+    """The function with another slope, and a jump, beyond a place."""
+    return lambda x: function(x) + corner * max(x - place, 0.0) + jump * (x > place)
+
+
+ACCURACIES = [ROUNDING, 1e-13, 1e-11, 1e-9, 1e-6]
+
+
+@pytest.mark.parametrize("accuracy", ACCURACIES)
+def test_smooth_functions_have_a_derivative(accuracy: float) -> None:
+    for number in some(range(10_000), 40):
+        function, place, _ = noisy(number, accuracy)
+        parameter_difference(function, place, accuracy=accuracy)
+
+
+@pytest.mark.parametrize("accuracy", ACCURACIES[:2])
+def test_functions_with_a_corner_have_no_derivative(accuracy: float) -> None:
+    for number in some(range(2_000), 40):
+        function, place, corner = noisy(number, accuracy)
+        with pytest.raises(NoDerivative, match="slopes on both sides differ"):
+            parameter_difference(bent(function, place, corner), place, accuracy=accuracy)
+
+
+def test_the_error_at_a_corner_covers_the_slopes_on_both_sides() -> None:
+    for number in some(range(2_000), 40):
+        function, place, corner = noisy(number, 1e-13)
+        slope = parameter_difference(function, place, accuracy=1e-13)
+
+        one = bent(function, place, corner)
+
+        def along(x: Array, one: Callable[[float], Array] = one) -> Array:
+            return one(float(x[0]))
+
+        try:
+            found, error = numerical_derivative(along, np.array([place]), accuracy=1e-13)
+        except Refused:
+            continue
+        assert abs(found[0] - slope) <= error[0]
+        assert abs(found[0] - slope - corner) <= error[0]
+
+
+@pytest.mark.parametrize("edge", [1.0 - 1e-3, -1.0])
+@pytest.mark.parametrize("way", [1.0, -1.0])
+def test_near_an_end_of_the_range_a_corner_has_no_derivative(edge: float, way: float) -> None:
+    def bounded(x: float) -> Array:
+        if way * x < edge:
+            raise Refused
+        return wave(x) + abs(x - way)
+
+    with pytest.raises(NoDerivative):
+        parameter_difference(bounded, way)
+
+
+@pytest.mark.parametrize("jump", [1e-3, 1.0])
+def test_a_jump_has_no_derivative(jump: float) -> None:
+    for number in range(50):
+        function, place, corner = noisy(number, 1e-13)
+        with pytest.raises(NoDerivative):
+            parameter_difference(bent(function, place, 0.0, jump * corner), place, accuracy=1e-13)
 
 
 def test_angles_are_followed_over_the_turn() -> None:

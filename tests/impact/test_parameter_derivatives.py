@@ -25,6 +25,7 @@ from dynkit.systems import (
 from dynkit.systems.impact.oscillators.matrix import MatrixOscillator
 from dynkit.systems.impact.oscillators.oscillator import ImpactOscillator
 from dynkit.systems.structure.lagrangian import LagrangianStructure
+from tests.impact.disguised import disguised
 from tests.impact.own_laws import Hardening
 
 BALL = BouncingBall(amplitude=1.3, frequency=1.0, restitution=0.5)
@@ -251,3 +252,36 @@ def test_there_is_none_where_friction_at_a_closed_stop_would_slip_either_way() -
     assert found == pytest.approx(
         (machine.replace(**{"rub.force": 0.1 + step})(state) - machine(state)) / step, abs=1e-3
     )
+
+
+JOINT = MatrixOscillator(
+    M=[[1.0]],
+    C=[[0.1]],
+    K=[[1.0]],
+    frequency=1.0,
+    harmonic_forces=[0.5],
+    elements=[Jenkins(0, stiffness=2.0, force=0.5, name="joint")],
+)
+
+
+@pytest.mark.parametrize("machine", [JOINT, disguised(JOINT)], ids=["exact", "Taylor"])
+@pytest.mark.parametrize("parameter", ["joint.stiffness", "joint.force"])
+def test_there_is_none_where_a_slider_leaves_the_limit_of_its_spring(
+    machine: Any, parameter: str
+) -> None:
+    state, value, step = np.array([0.3, -1.0, 0.05]), machine.value_of(parameter), 1e-6
+
+    def moved(change: float) -> Any:
+        return machine.replace(**{parameter: value + change})(state)
+
+    slopes = (moved(step) - moved(0.0)) / step, (moved(0.0) - moved(-step)) / step
+    assert abs(slopes[0] - slopes[1]).max() > 0.01
+    with pytest.raises(NoDerivative):
+        machine.parameter_derivative(state, parameter)
+
+
+@pytest.mark.parametrize("parameter", ["joint.stiffness", "joint.force"])
+def test_there_is_one_where_a_slider_slides_on(parameter: str) -> None:
+    state = np.array([0.3, 1.0, 0.05])
+    found = JOINT.parameter_derivative(state, parameter)
+    assert found == pytest.approx(Map.parameter_derivative(JOINT, state, parameter), rel=1e-7)

@@ -60,8 +60,9 @@ def map_derivative_by(oscillator: ImpactMap, state: ImpactState, change: Array) 
     NoCrossing
         When there is no next impact.
     NoDerivative
-        When the outcome of the next impact is a choice of law, or friction that rests at a closed
-        stop would slip forward or backward with the sign of the change.
+        When the outcome of the next impact is a choice of law, friction that rests at a closed stop
+        would slip forward or backward with the sign of the change, or a slider starts at a limit of
+        its spring that changes.
     """
     system, parts = oscillator, oscillator._parts
     turns = not system._strobed or system._excitation.turns
@@ -84,6 +85,8 @@ def map_derivative_by(oscillator: ImpactMap, state: ImpactState, change: Array) 
     for k, number in enumerate(np.append(run.switches.guard, run.log.guard).tolist()):
         mode, guard = _regimes(system, run, number, 0), system._automaton.guards[number]
         flow, lasts = m.flow(mode), times[k] - began
+        if lasts > 0.0 and began == 0.0:
+            _refuse_limits(m, system, mode, z)
         if lasts > 0.0:
             (flown,) = moved(flow[None], np.array([lasts]), measures)
             z, began = flown @ z, times[k]
@@ -137,6 +140,26 @@ def _refuse_loosened(m: Machine, system: Any, run: Trajectory, z: Any) -> None:
             if abs(changes.sum()) > _ROUNDING * abs(changes).sum():
                 raise NoDerivative(
                     "friction that rests at a closed stop would slip as the parameter changes: "
+                    f"{system._elements[k]!r}"
+                )
+
+
+def _refuse_limits(m: Machine, system: Any, mode: Regimes, z: Any) -> None:
+    """Raise NoDerivative if a slider that sticks from the start on would slide after the change.
+
+    The force of its spring is at the limit, which changes: there the slider slides at once, and it
+    stays where it is if the change has the other sign.
+    """
+    regimes = system._parts.now(mode.numbers)
+    for k in m.sliders:
+        watches = regimes[k].guards if regimes[k].anchored else ()
+        for number in range(len(watches)):
+            row = m.watched(mode, k, number)
+            value, change = row.real * z.real, row.imag * z.real + row.real * z.imag
+            at_limit = abs(value.sum()) <= _ROUNDING * abs(value).sum()
+            if at_limit and abs(change.sum()) > _ROUNDING * abs(change).sum():
+                raise NoDerivative(
+                    "a slider starts at the limit of its spring, which changes with the parameter: "
                     f"{system._elements[k]!r}"
                 )
 

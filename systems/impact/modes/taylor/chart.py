@@ -23,8 +23,8 @@ from dynkit.core.kept import cached_property, kept
 from dynkit.core.no_motion import CannotFollow, Diverged
 from dynkit.core.validation import Array
 from dynkit.systems.impact.modes.taylor.equations import Plan, system_of
-from dynkit.systems.impact.modes.taylor.gaps import Gaps
 from dynkit.systems.impact.modes.taylor.scene import Scene
+from dynkit.systems.impact.modes.taylor.signs import Signs
 
 _MOST_KEPT = 64
 """Number of compiled integrators in each cache."""
@@ -43,7 +43,7 @@ _SHORTEST = 1e-3
 """Smallest limit of the step length, in radians of the phase."""
 
 _FINER, _FINEST = 0.25, 0.01
-"""Where an impact was missed, the flight is repeated with steps shorter by this factor, down to
+"""Where an event was missed, the flight is repeated with steps shorter by this factor, down to
 this part of the first step."""
 
 _FINE = 1e-8, 1e-6, 1e-4, 1e-2
@@ -378,7 +378,7 @@ class Chart:
         """Advance coordinates (M,), modified in place, to the first guard.
 
         The caller must hold `lock`. If no guard is reached within the duration, the coordinates do
-        not change, and `reached` has those at the end. A flight in which heyoka missed an impact is
+        not change, and `reached` has those at the end. A flight in which heyoka missed an event is
         repeated with shorter steps.
 
         Parameters
@@ -397,7 +397,7 @@ class Chart:
         Raises
         ------
         Diverged, CannotFollow
-            When the motion runs away, or the step length becomes too small, also because impacts
+            When the motion runs away, or the step length becomes too small, also because events
             are missed.
         """
         made, steps, guards = self.load(z, sine, cosine), 0, len(self.plan.guards)
@@ -418,7 +418,7 @@ class Chart:
             steps += count
             number = int(outcome)
             if number >= -guards:
-                if guarded and self._gaps.amiss(z, sine, cosine, -1 - number):
+                if guards and self._signs.amiss(z, sine, cosine, -1 - number):
                     return self._again(z, sine, cosine, longest, pace, early)
                 z[:] = self._z_of
                 return self._events[-1 - number], made.time, steps
@@ -427,11 +427,11 @@ class Chart:
                 stations.pop(0)
                 if stations:
                     continue
-                if guarded and self._gaps.amiss(z, sine, cosine):
+                if guards and self._signs.amiss(z, sine, cosine):
                     return self._again(z, sine, cosine, longest, pace, early)
                 return -1, time, steps
             if number >= -guards - len(guarded):
-                if self._gaps.rises(-1 - guards - number, z, sine, cosine):
+                if self._signs.rises(-1 - guards - number, z, sine, cosine):
                     return self._again(z, sine, cosine, longest, pace, early)
                 if (steps := steps + 1) < _MOST:
                     continue
@@ -445,11 +445,11 @@ class Chart:
             if steps >= _MOST:
                 return -2, time, steps
 
-    # --- impacts that heyoka misses ---------------------------------------------------------------
+    # --- events that heyoka misses ----------------------------------------------------------------
 
     @cached_property
-    def _gaps(self) -> Gaps:
-        return Gaps(self)
+    def _signs(self) -> Signs:
+        return Signs(self)
 
     @cached_property
     def _careful(self) -> Chart:
@@ -467,14 +467,14 @@ class Chart:
         pace: float,
         early: Sequence[float],
     ) -> tuple[int, float, int]:
-        """Repeat a flight in which an impact may be missed: carefully, then with shorter steps."""
+        """Repeat a flight in which an event may be missed: carefully, then with shorter steps."""
         if not self.plan.careful:
             found = self._careful.fly(z, sine, cosine, longest, pace, early)
             self._z_of[:] = self._careful._z_of
             return found
         if pace < _FINEST:
             raise CannotFollow(
-                f"the motion from {z.tolist()} cannot be followed: an impact is missed, also with "
+                f"the motion from {z.tolist()} cannot be followed: an event is missed, also with "
                 f"steps of {pace:.1e} times the length that Taylor's method chooses"
             )
         fine = {t for part in _FINE if (t := part * math.tau / self._pars[1]) < longest}

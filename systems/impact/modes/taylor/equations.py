@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from dynkit.systems.structure.functions import Form
 
 
-_WATCHED = 6
+WATCHED = 6
 """Number of coefficients of a guard."""
 
 
@@ -84,7 +84,7 @@ class Plan:
     @property
     def without_guards(self) -> Plan:
         """The same plan without guards, whose numbers come last, and without further variables."""
-        kinds = self.kinds[: len(self.kinds) - _WATCHED * len(self.guards)]
+        kinds = self.kinds[: len(self.kinds) - WATCHED * len(self.guards)]
         return replace(self, kinds=kinds, guards=(), impacts=(), careful=False, carries=False)
 
     @property
@@ -356,7 +356,7 @@ def system_of(hy: Any, plan: Plan) -> tuple[list[Any], list[Any], list[Any]]:
     a, press = build.accelerations()
     turns, turned = build.turning()
     rates = [hy.expression(d) if isinstance(d, float) else d for d in (*build.rates(a), *turned)]
-    watches = build.leaves(len(plan.guards), _WATCHED)
+    watches = build.leaves(len(plan.guards), WATCHED)
     pairs = zip(watches, plan.guards, strict=True)
     first = [*build.zx, *build.springs.values(), *build.gaps.values()]
     variables = [*first, *build.zv, *build.slips.values(), *turns]

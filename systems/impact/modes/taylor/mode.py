@@ -23,8 +23,8 @@ from dynkit.systems.impact.modes.constrained import (
 from dynkit.systems.impact.modes.steady_response import Layout
 from dynkit.systems.impact.modes.taylor.chart import Chart
 from dynkit.systems.impact.modes.taylor.charts import Charts
-from dynkit.systems.impact.modes.taylor.gaps import ROUNDING
 from dynkit.systems.impact.modes.taylor.scene import Scene
+from dynkit.systems.impact.modes.taylor.signs import ROUNDING
 
 FREQUENCY = 1
 """Index of the frequency among the numbers on which a flight depends."""

@@ -12,8 +12,8 @@ from dynkit.core.validation import Array
 from dynkit.systems.impact.elements.element import IMPACT, JUMP, SWITCH
 from dynkit.systems.impact.elements.friction import LANDED
 from dynkit.systems.impact.modes.curves import CurvedContact
-from dynkit.systems.impact.modes.taylor.gaps import ROUNDING
 from dynkit.systems.impact.modes.taylor.mode import horner
+from dynkit.systems.impact.modes.taylor.signs import ROUNDING
 from dynkit.systems.impact.simulation.clock_kernels import BOUNCED, BOUNCES, FLIGHT, SWITCHED
 from dynkit.systems.impact.simulation.state import TOUCHED, TWO_PI, ImpactState
 

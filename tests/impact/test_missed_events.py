@@ -1,15 +1,24 @@
-"""Impacts that heyoka does not report are found, or the motion ends with an error."""
+"""Events that heyoka does not report are found, or the motion ends with an error."""
 
 from __future__ import annotations
 
 import copy
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 import pytest
 
 from dynkit.core.no_motion import CannotFollow
-from dynkit.systems import DryFriction, HardStop, ImpactDuffing, MatrixOscillator, TodaChain
+from dynkit.systems import (
+    DryFriction,
+    HardStop,
+    ImpactDuffing,
+    Jenkins,
+    MatrixOscillator,
+    SoftStop,
+    TodaChain,
+)
 from dynkit.systems.impact.modes.taylor import chart as taylor_chart
 from dynkit.systems.impact.modes.taylor.mode import horner
 from dynkit.systems.impact.simulation.taylor.position import ABOVE, Position
@@ -31,14 +40,14 @@ SYSTEMS = {
 
 
 BEYOND = 1e-9
-"""Time after an impact at which a motion continues as if the impact had not been reported."""
+"""Time after an event at which a motion continues as if the event had not been reported."""
 
 
 class Dropping:
-    """An integrator that does not report some of its impacts."""
+    """An integrator that does not report some of its events."""
 
-    def __init__(self, made: Any, impacts: tuple[int, ...], drops: list[int]) -> None:
-        self.__dict__.update(made=made, impacts=impacts, drops=drops)
+    def __init__(self, made: Any, events: tuple[int, ...], drops: list[int]) -> None:
+        self.__dict__.update(made=made, events=events, drops=drops)
 
     def __getattr__(self, name: str) -> Any:
         return getattr(self.__dict__["made"], name)
@@ -47,25 +56,32 @@ class Dropping:
         setattr(self.made, name, value)
 
     def __copy__(self) -> Dropping:
-        return Dropping(copy.copy(self.made), self.impacts, self.drops)
+        return Dropping(copy.copy(self.made), self.events, self.drops)
 
     def propagate_until(self, end: float, **limits: Any) -> Any:
         found = self.made.propagate_until(end, **limits)
-        if -1 - int(found[0]) in self.impacts and self.made.time > 0.1 and self.drops[0] > 0:
-            self.drops[0] -= 1
-            self.made.step(max_delta_t=0.0, write_tc=True)
-            self.made.state[:] = horner(self.made.tc, np.array([BEYOND]))[0]
-            self.made.time += BEYOND
-            return self.made.propagate_until(end, **limits)
-        return found
+        if -1 - int(found[0]) not in self.events or self.made.time < 0.02 or not self.drops[0]:
+            return found
+        if self.drops[1]:
+            self.drops[1] -= 1
+            return found
+        self.drops[0] -= 1
+        self.made.step(max_delta_t=0.0, write_tc=True)
+        self.made.state[:] = horner(self.made.tc, np.array([BEYOND]))[0]
+        self.made.time += BEYOND
+        return self.made.propagate_until(end, **limits)
 
 
-def dropping(patch: pytest.MonkeyPatch, most: int) -> list[int]:
-    """Let all new integrators together drop this many impacts; return the number that is left."""
-    drops, build = [most], taylor_chart._integrator
+def dropping(patch: pytest.MonkeyPatch, most: int, after: int | None = None) -> list[int]:
+    """Let all new integrators together drop this many impacts; return the number that is left.
+
+    With `after`, they drop events of any kind, after as many that they report.
+    """
+    drops, build = [most, after or 0], taylor_chart._integrator
 
     def built(plan: Any) -> Any:
-        return taylor_chart._Compiled(Dropping(build(plan).integrator, plan.impacts, drops))
+        events = plan.impacts if after is None else tuple(range(len(plan.guards)))
+        return taylor_chart._Compiled(Dropping(build(plan).integrator, events, drops))
 
     patch.setattr(taylor_chart, "_integrator", built)
     return drops
@@ -85,7 +101,7 @@ def test_impacts_that_are_not_reported_are_found(
     exact = SYSTEMS[name].simulate(impacts=10)
     drops = dropping(monkeypatch, most)
     record = fresh(name).simulate(impacts=10)
-    assert drops == [0]
+    assert drops[0] == 0
     assert (record.element == exact.element).all()
     assert record.time == pytest.approx(exact.time, abs=1e-9)
 
@@ -95,8 +111,49 @@ def test_an_impact_that_is_never_reported_is_named(
     name: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     dropping(monkeypatch, 1 << 20)
-    with pytest.raises(CannotFollow, match="an impact is missed"):
+    with pytest.raises(CannotFollow, match="an event is missed"):
         fresh(name).simulate(impacts=10)
+
+
+DRIVEN: dict[str, Any] = {
+    "M": np.eye(2),
+    "C": [[0.1, -0.05], [-0.05, 0.1]],
+    "K": [[2.0, -1.0], [-1.0, 1.5]],
+    "frequency": 1.0,
+    "harmonic_forces": [0.8, 0.3],
+}
+SOFT = SoftStop(0, offset=-0.2, stiffness=5.0)
+STIFF = SoftStop(1, offset=-0.2, stiffness=8.0)
+FRICTION = DryFriction(0, force=0.2, name="rub")
+CHANGES: dict[str, tuple[int, list[Any]]] = {
+    "friction": (3, [FRICTION]),
+    "belt": (3, [DryFriction(0, force=0.3, static=0.5, velocity=0.3)]),
+    "friction between masses": (5, [DryFriction((0, 1), force=0.2, static=0.25)]),
+    "two frictions": (3, [FRICTION, DryFriction(1, force=0.1, velocity=0.2)]),
+    "friction and stop": (3, [HardStop(1, offset=-0.2, restitution=0.6), FRICTION]),
+    "slider": (3, [Jenkins(0, stiffness=2.0, force=0.3)]),
+    "soft stop": (2, [SOFT]),
+    "soft stop with a dashpot": (3, [replace(SOFT, damping=0.8)]),
+    "preloaded soft stop": (2, [replace(SOFT, damping=0.8, preload=0.2)]),
+    "slider and soft stop": (3, [Jenkins((0, 1), stiffness=2.0, force=0.2), STIFF]),
+}
+"""Elements, and the number of an event after which a guard is negative at the end of a flight."""
+
+
+@pytest.mark.parametrize("name", CHANGES)
+def test_changes_of_regimes_that_are_not_reported_are_found(
+    name: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    after, elements = CHANGES[name]
+    machine = MatrixOscillator(**DRIVEN, elements=elements)
+    start = [0.3, 0.6], [0.2, 0.1]
+    exact = machine.simulate(impacts=8, start=machine.state(*start))
+    drops = dropping(monkeypatch, 1, after)
+    other = disguised(machine.replace(chatter_tolerance=1.0001e-16))
+    record = other.simulate(impacts=8, start=other.state(*start))
+    assert drops[0] == 0
+    assert len(record.events) == len(exact.events)
+    assert record.position == pytest.approx(exact.position, abs=1e-9)
 
 
 def without_short_steps(patch: pytest.MonkeyPatch) -> None:
