@@ -241,10 +241,6 @@ class Mode:
         """Work arrays of kernels; shared by threads, as kernels hold Python's global lock."""
         return workspace(self.layout.slots)
 
-    def flown(self, start: Array, durations: Array) -> Array:
-        """States (m, 2, slots) after durations (m,) from one start, (2, slots)."""
-        return self.after(start[None], np.zeros(len(durations), dtype=np.intp), durations)
-
     def rate(self, states: Array) -> Array:
         """Rates of change (..., 2, slots) of states."""
         from dynkit.systems.impact.modes.transition_kernels import rates
