@@ -31,7 +31,8 @@ class ReturnMap(Map):
     flow: Any
 
     @abstractmethod
-    def crossing(self, state: Array) -> Crossing: ...
+    def crossing(self, state: Array) -> Crossing:
+        """Return time and state of the flow at the next crossing from a state of the map, (d,)."""
 
     @abstractmethod
     def _landed(self, hit: Crossing) -> Array: ...

@@ -119,9 +119,9 @@ class Points:
     task : callable
         ``task(first, last, found)`` returns the task of a chunk: the points first, ..., last - 1.
         For a chain, `found` holds the rows of all earlier points.
-    entries : mapping of str to str
-        Texts that identify the points: a store with others is refused. ``entries["kind"]`` is the
-        kind of the store.
+    entries : callable
+        Returns, for a store only, texts by name that identify the points: a store with others is
+        refused. ``entries()["kind"]`` is the kind of the store.
     inputs : mapping of str to array
         Arrays that identify the points.
     columns : Columns
@@ -134,7 +134,7 @@ class Points:
     count: int
     work: Callable[[], Callable[[Any], Rows]]
     task: Callable[[int, int, Findings], Any]
-    entries: Mapping[str, str]
+    entries: Callable[[], Mapping[str, str]]
     inputs: Mapping[str, Anything]
     columns: Columns
     chained: bool = False
@@ -266,15 +266,16 @@ def _archived(points: Points, findings: Findings) -> stores.Archive:
     for name, texts in rows.texts.items():
         arrays[f"texts/{name}"] = np.array([code[text] for text in texts], dtype=np.int64)
     arrays["done"] = np.flatnonzero(findings.done)
-    return stores.Archive({**points.entries, "points": str(points.count), **found}, arrays)
+    return stores.Archive({**points.entries(), "points": str(points.count), **found}, arrays)
 
 
 def _found(points: Points, path: Path | None) -> Findings:
     if path is None or not path.exists():
         return Findings(points.count)
-    archive, findings = read_rows(path, points.entries["kind"])
+    kind = points.entries()["kind"]
+    archive, findings = read_rows(path, kind)
     refuse_other(path, points, archive)
-    with stores.understood(path, points.entries["kind"]):
+    with stores.understood(path, kind):
         made = archive.entries["dynkit"]
         refuse_misfits(findings, points.count, points.columns, chained=points.chained)
     if not findings.done.all():
@@ -322,7 +323,7 @@ def refuse_other(path: Path, points: Points, archive: stores.Archive) -> None:
     ValueError
         The message names the first difference: entries first, then arrays, then the system.
     """
-    made, asked = archive.entries, {**points.entries, "points": str(points.count)}
+    made, asked = archive.entries, {**points.entries(), "points": str(points.count)}
     names = [*asked, *(name for name in made if name.startswith("system.") and name not in asked)]
     of_system = [name for name in names if name.startswith("system.")]
     others = [name for name in names if name not in of_system]

@@ -57,7 +57,7 @@ class SweepPlan(Plan):
             len(values),
             partial(replace, self),
             partial(self.task, values),
-            self.entries(parameter=self.names[0], follow=str(self.follow)),
+            partial(self.entries, parameter=self.names[0], follow=str(self.follow)),
             {"values": values, "start": self.start},
             self.columns,
             self.follow,

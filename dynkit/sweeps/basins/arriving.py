@@ -100,16 +100,20 @@ class Starts:
 
     @property
     def points(self) -> Points:
+        """The points of the engine."""
         state, packed = self.look.sizes
-        system = {"system": kind_of(self.look.system), **identity_of(self.look.system)}
         return Points(
             len(self.starts),
             self._work,
             lambda first, last, _: self.starts[first:last],
-            {"kind": "basins of attraction", **system, **self.look.entries},
+            self._entries,
             {"starts": self.starts},
             {**COLUMNS, "rest": ("f", ()), "state": ("f", (state,)), "final": ("f", (packed,))},
         )
+
+    def _entries(self) -> dict[str, str]:
+        system = {"system": kind_of(self.look.system), **identity_of(self.look.system)}
+        return {"kind": "basins of attraction", **system, **self.look.entries}
 
     def _work(self) -> Callable[[Array], Rows]:
         look, count = self.look, len(self.starts)

@@ -81,7 +81,7 @@ class PlanePlan(Plan):
             len(values[0]) * len(values[1]),
             partial(replace, self),
             partial(self.task, values),
-            self.entries(parameters=json.dumps(self.names), exponents=str(self.exponents)),
+            partial(self.entries, parameters=json.dumps(self.names), exponents=str(self.exponents)),
             {**inputs, "start": self.start},
             self.columns,
         )
