@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Mapping, Sequence
-from functools import reduce
 from typing import Any, NamedTuple, Self, final
 
 import numpy as np
@@ -105,10 +104,8 @@ class ItineraryEquations(ImpactProblem):
         s = self.at(x, p)
         last = (int(np.argmax(s.durations)) + 1) % s.events
         if isinstance(s, ResponseSolution):
-            matrices = np.roll(monodromy.struck(s), 1, axis=0)
-        else:
-            matrices = crossings.tangents(s, s.guards)
-        return np.asarray(reduce(lambda found, own: own @ found, np.roll(matrices, -last, axis=0)))
+            return monodromy.monodromy_from(s, last)
+        return crossings.monodromy_from(s, last)
 
     def returns(self, x: Array, p: Array) -> Any:
         if not self.driven:

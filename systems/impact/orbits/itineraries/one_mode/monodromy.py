@@ -63,10 +63,14 @@ def factors(solution: ResponseSolution) -> tuple[Array, Array] | None:
     return found, (ROUNDING + float(late)) * _norms(found)
 
 
-def struck(solution: ResponseSolution) -> Array:
-    """Matrices (n, 2N, 2N) from each impact to the next, in the order of time."""
+def monodromy_from(solution: ResponseSolution, i: int) -> Array:
+    """Monodromy matrix (2N, 2N) of one period, from just before impact `i` in the order of time."""
+    slots = solution.mode.layout.modes
     flights, *jumps = _passages(solution)
-    return _struck(solution, flights.matrices(solution.mode.layout.modes), *jumps)
+    found = np.eye(2 * len(slots))
+    for matrix in np.roll(_struck(solution, flights.matrices(slots), *jumps), 1 - i, axis=0):
+        found = matrix @ found
+    return found
 
 
 def _norms(matrices: Array) -> Array:

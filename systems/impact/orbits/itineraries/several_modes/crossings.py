@@ -37,13 +37,15 @@ def factors_of(s: Any) -> tuple[Array, Array]:
     For an undriven machine their product maps the surface where the first guard is zero to itself.
     For P(inf,m) there is one matrix from each node to the next, for changes that keep contact.
     """
-    m, rows = s.measures[: s.dimension], s.guards.copy()
+    d, m = s.dimension, s.measures[: s.dimension]
+    rows = s.guards.copy()
     rows[0] *= s.driven
-    factors = tangents(s, rows)
+    found = [_passed(s, i, row)[:d, :d] for i, row in enumerate(rows)]
     if not s.driven:
-        moving = s.moving[-1, : s.dimension] / m
-        row = s.guards[0][: s.dimension] * m
-        factors[-1] -= np.outer(moving / (row @ moving), row @ factors[-1])
+        moving = s.moving[-1, :d]
+        row = s.guards[0][:d]
+        found[-1] -= np.outer(moving / (row @ moving), row @ found[-1])
+    factors = np.array(found) * m / m[:, None]
     if s.course.sticks:
         factors = _in_contact(s, factors)
     elif s.progression.shift.size:
@@ -55,14 +57,13 @@ def factors_of(s: Any) -> tuple[Array, Array]:
     return factors, _ROUNDING * grown * abs(factors).max(axis=(1, 2), initial=0.0)
 
 
-def tangents(s: Any, rows: Array) -> Array:
-    """Scaled tangent maps (n, 2N + J, 2N + J) from just before each event to just before the next.
-
-    `rows` (n, D) are the guards; a guard that is zero does not delay its event.
-    """
+def monodromy_from(s: Any, i: int) -> Array:
+    """Monodromy matrix (2N + J, 2N + J) from just before event `i` to a period later."""
     d, m = s.dimension, s.measures[: s.dimension]
-    found = [_passed(s, i, row)[:d, :d] for i, row in enumerate(rows)]
-    return np.asarray(np.array(found) * m / m[:, None])
+    found = np.eye(s.dimension)
+    for k in np.roll(np.arange(s.events), -i).tolist():
+        found = _passed(s, k, s.guards[k])[:d, :d] @ found
+    return np.asarray(found * m / m[:, None])
 
 
 def _passed(s: Any, i: int, row: Array) -> Array:
