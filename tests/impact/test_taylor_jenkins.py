@@ -18,6 +18,8 @@ from dynkit.systems import (
     ImpactDuffing,
     ImpactPendulum,
     Jenkins,
+    MatrixOscillator,
+    SoftStop,
     TodaChain,
     iwan,
 )
@@ -26,6 +28,7 @@ from dynkit.systems.impact.simulation.state import within
 from dynkit.testing.maps import jacobian_is_the_derivative
 from tests.flows.cases import BITS, followed_in_many_digits, taylor
 from tests.impact.curved_cases import Bob, floor
+from tests.impact.disguised import disguised
 from tests.impact.taylor_cases import Bead, DoublePendulumAtAStop
 
 JOINT = Jenkins(0, stiffness=2.0, force=0.2, name="joint")
@@ -189,3 +192,26 @@ def test_wrong_sliders_are_named() -> None:
     pendulum = ImpactPendulum(frequency=0.8)
     with pytest.raises(ValueError, match="sliders must"):
         pendulum.state([0.0], [0.0], 0.0, [0.0])
+
+
+@pytest.mark.parametrize(
+    "other",
+    [
+        SoftStop(0, offset=0.9, stiffness=3.0, damping=0.2, side="below"),
+        DryFriction(0, force=0.3, static=0.4, velocity=-0.2),
+    ],
+    ids=["soft stop", "friction"],
+)
+def test_derivatives_from_a_start_at_the_limit_are_those_of_the_exact_engine(other: Any) -> None:
+    joint = Jenkins(0, stiffness=2.0, force=0.5)
+    exact = MatrixOscillator(
+        M=[[1.0]],
+        C=[[0.1]],
+        K=[[1.0]],
+        frequency=1.0,
+        harmonic_forces=[0.5],
+        elements=[joint, other],
+    )
+    state = np.array([1.2, 0.4, 0.95])
+    found, expected = (system.jacobian(state) for system in (disguised(exact), exact))
+    assert found == pytest.approx(expected, abs=1e-9)

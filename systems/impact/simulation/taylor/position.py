@@ -302,9 +302,11 @@ class Position:
         """A guard that is negative at a start, or just after an event; None if none.
 
         Guards of the element of the latest event are tested first: if an element that has just
-        halted slips on, others may stick that would not do so if it stuck.
+        halted slips on, others may stick that would not do so if it stuck. Sliders whose springs
+        are at their limits slide last, since derivatives need the forces of all other elements.
         """
         state, guards, count = self._state(), self._mode.guards, len(self._motion)
+        slides = None
         for i in sorted(range(len(guards)), key=lambda i: (guards[i][0] - self._latest) % count):
             k, watch = guards[i]
             if watch.event not in (SWITCH, JUMP) or self._motion[k] == SWITCHED or k in apart:
@@ -312,9 +314,11 @@ class Position:
             value, band = self._mode.watched(i, state)
             falls = watch.event == SWITCH and abs(value) <= band and self._falls(i)
             jumps = watch.event == JUMP or k not in self._chart.springs or not watch.rate
-            if (value < -band and jumps) or falls:  # a slider that halts at a jump still moves
+            if falls and k in self._chart.springs:
+                slides = int(self._first + i) if slides is None else slides
+            elif (value < -band and jumps) or falls:  # a slider that halts at a jump still moves
                 return int(self._first + i)
-        return None
+        return slides
 
     def _presses(self, k: int) -> bool:
         """Whether a stop with a zero gap and rate holds, by the sign of the next derivative."""
