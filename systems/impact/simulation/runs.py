@@ -142,30 +142,31 @@ def fill_codes(
     waits: Array,
 ) -> None:
     """Put addresses of machine code into ``work.codes``; compile the code a run has paused for."""
-    from dynkit.exponential.evaluation_kernels import CHANGE, LEAP, NOISE, SEARCH, WANTED_CODE
+    from dynkit.exponential import evaluation_kernels as own
 
     if noise > 0.0:
-        work.codes[NOISE] = WANTED_CODE
-    for place, kind in ((LEAP, None), (SEARCH, None), (CHANGE, beside is None), (NOISE, None)):
-        if work.codes[place] == WANTED_CODE and (place, kind) not in _ADDRESSES:
-            from dynkit.exponential import certificate_kernels, search_kernels
+        work.codes[own.NOISE] = own.WANTED_CODE
+    for place in range(own.CODES):
+        if work.codes[place] == own.WANTED_CODE and (place, beside is None) not in _ADDRESSES:
+            from dynkit.exponential import bound_kernels, certificate_kernels, search_kernels
             from dynkit.systems.impact.simulation.change_kernels import change
 
-            if place == LEAP:
+            if place == own.LEAP:
                 given: Any = gap, 0, 0, 0, 0, 0, 0, factor, 0.0, True, 0, work.states
                 code: Any = certificate_kernels.leap
-            elif place == SEARCH:
-                given = gap, 0, 0.0, factor, True, 0, 0, 0, work
-                code = search_kernels.search
-            elif place == NOISE:
+            elif place == own.SEARCH:
+                given, code = (gap, 0, 0.0, factor, True, 0, 0, 0, work), search_kernels.search
+            elif place == own.DEATH:
+                given, code = (gap, work.states, 0), bound_kernels.motion_died_out
+            elif place == own.NOISE:
                 given = gap, tables.slots[0], True, work.states, clock, left[0], noise, factor
                 code = _kernels()[0].disturb
             else:
                 motion = tables, clock, left, beside, noise, factor
                 given = 0, 0, 0, 0.0, 0, *motion, impacts, switches, work, waits
                 code = change
-            _ADDRESSES[place, kind] = address_of(code, *given)
-        work.codes[place] = _ADDRESSES.get((place, kind), 0)
+            _ADDRESSES[place, beside is None] = address_of(code, *given)
+        work.codes[place] = _ADDRESSES.get((place, beside is None), 0)
 
 
 @final
@@ -373,8 +374,7 @@ class Course:
             rows = max(rows, 2 * int(self._clock[clock_kernels.SWITCHES]))
         before, guard = np.empty((2, rows), dtype=np.intp)
         states = np.zeros((rows, 2, slots))
-        times = np.empty((3, rows))
-        self._switches = log_kernels.Switches(*times, before, guard, states)
+        self._switches = log_kernels.Switches(*np.empty((3, rows)), before, guard, states)
         for few, more in zip(old or (), self._switches, strict=False):
             more[tuple(map(slice, few.shape))] = few
 
@@ -421,8 +421,7 @@ class Course:
         free, rows = self._oscillator._free, count if store else 0
         slots = free.layout.slots
         log: Any = log_kernels.Impacts(
-            np.empty(rows),
-            np.empty(rows),
+            *np.empty((2, rows)),
             np.empty(rows, dtype=np.intp),
             np.empty((rows, 2, slots)),
             np.empty((rows if free.layout.table < 0 else 0, 2)),
