@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import math
 
-from dynkit.core.jit import kernel
+from dynkit.core.jit import by_address, kernel
 from dynkit.core.validation import Array
-from dynkit.exponential.evaluation_kernels import DRIFT, TAIL, TERM, Ladder
+from dynkit.exponential.evaluation_kernels import DRIFT, TAIL, TERM, Indices, Ladder
 
 NOTHING = 1e-200
 """A motion that never again exceeds this has ended: the motion, and products of its numbers with
@@ -55,10 +55,9 @@ def _drift(ladder: Ladder, states: Array, k: int) -> tuple[float, float, float, 
 
 
 @kernel()
-def _less_steady(ladder: Ladder, states: Array, k: int) -> int:
+def _less_steady(ladder: Ladder, links: Indices | None, states: Array, k: int) -> int:
     """Return the index of state `k` minus its steady responses; the scratch state TERM if any."""
-    links = ladder.links
-    if links.shape[0] == 0:
+    if links is None or links.shape[0] == 0:
         return k
     response = ladder.link_step
     last = response.shape[0] - 1
@@ -74,10 +73,11 @@ def _less_steady(ladder: Ladder, states: Array, k: int) -> int:
 
 
 @kernel()
-def _reach(ladder: Ladder, states: Array, k: int) -> float:
+def _reach(ladder: Ladder, links: Indices | None, states: Array, at: int) -> float:
     """Return the bound, at all later times, of the terms that neither drift nor are steady."""
     rows = ladder.rows
-    if ladder.apart:
+    k = _less_steady(ladder, links, states, at)
+    if links is not None and ladder.apart:
         return weighted(rows, TAIL, ladder.steady, states, k)
     # pairs with a common norm: the bound is the root of a sum of squares
     total = 0.0
@@ -92,24 +92,29 @@ def _reach(ladder: Ladder, states: Array, k: int) -> float:
 
 
 @kernel()
-def tail(ladder: Ladder, states: Array, k: int) -> float:
-    """Return a lower bound of f at all later times."""
+def tail(ladder: Ladder, links: Indices | None, states: Array, k: int) -> float:
+    """Return a lower bound of f at all later times.
+
+    Here and below, `links` are those of the sum; None for a sum that is known to be `plain`.
+    """
     lowest, rate, second, down, _ = _drift(ladder, states, k)
     if second < 0.0 or (second == 0.0 and rate < 0.0):
         return -math.inf
     if rate < 0.0:
         lowest -= 0.5 * rate * rate / second
     lowest -= down
-    return lowest - ladder.swing - _reach(ladder, states, _less_steady(ladder, states, k))
+    return lowest - ladder.swing - _reach(ladder, links, states, k)
 
 
 @kernel()
-def stays_in_band(ladder: Ladder, states: Array, k: int, band: float) -> bool:
+def stays_in_band(
+    ladder: Ladder, links: Indices | None, states: Array, k: int, band: float
+) -> bool:
     """Return whether abs(f) stays within the band at all later times."""
     value, rate, second, down, up = _drift(ladder, states, k)
     if rate != 0.0 or second != 0.0:
         return False
-    moves = down + up + ladder.swing + _reach(ladder, states, _less_steady(ladder, states, k))
+    moves = down + up + ladder.swing + _reach(ladder, links, states, k)
     return abs(value) + moves <= band
 
 
@@ -121,4 +126,16 @@ def died_out(ladder: Ladder, states: Array, k: int) -> bool:
     """
     if ladder.offset != 0.0 or ladder.steady >= 0:
         return False
-    return stays_in_band(ladder, states, k, NOTHING) and not stays_in_band(ladder, states, k, 0.0)
+    links = ladder.links
+    decayed = stays_in_band(ladder, links, states, k, NOTHING)
+    return decayed and not stays_in_band(ladder, links, states, k, 0.0)
+
+
+@kernel(entry=True)
+def motion_died_out(ladder: Ladder, states: Array, k: int) -> bool:
+    """Call `died_out` by its address."""
+    return died_out(ladder, states, k)
+
+
+died_out_by_address = by_address(motion_died_out, bool)
+"""Calls `died_out` by its address."""

@@ -146,7 +146,7 @@ def leap(
             n += 1 << j
             passed += 1
             if passed & 15 == 0 and (
-                tail(ladder, states, current) > (band if touches else -band)
+                tail(ladder, ladder.links, states, current) > (band if touches else -band)
                 or died_out(ladder, states, current)
             ):
                 return True, j, 0, n, current, cells, band, passed

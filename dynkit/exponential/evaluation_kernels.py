@@ -36,11 +36,11 @@ earliest result and of the start of the previous mode; number of states."""
 PLACES, LEVELS = 11, 5
 """Number of integers and of real numbers of a paused search."""
 
-LEAP, SEARCH, CHANGE, NOISE = range(4)
+LEAP, SEARCH, CHANGE, NOISE, DEATH = range(5)
 """Indices of the kernels that are called by their address: for long cells, for the search of a sum
-that is not `plain`, for a change of the mode, and for disturbances."""
+that is not `plain`, for a change of the mode, for disturbances, and for the end of a decay."""
 
-CODES, WANTED_CODE = 4, -1
+CODES, WANTED_CODE = 5, -1
 """Number of these kernels; entry in place of an address if a call has paused until the kernel is
 compiled."""
 
@@ -122,19 +122,23 @@ class Workspace(NamedTuple):
 
 
 @kernel(inline=True)
-def _add_driven(links: Indices, b: Array, j: int, states: Array, k: int, to: int) -> None:
-    """Add the contributions of the driving slots of state `k` in a step to state `to`, in place."""
-    for m in range(links.shape[0]):
-        p = states[k, 0, links[m, 1]]
-        q = states[k, 1, links[m, 1]]
-        states[to, 0, links[m, 0]] += b[j + 1, m, 0] * p + b[j + 1, m, 1] * q
-        states[to, 1, links[m, 0]] += b[j + 1, m, 2] * p + b[j + 1, m, 3] * q
+def _add_driven(links: Indices | None, b: Array, j: int, states: Array, k: int, to: int) -> None:
+    """Add the contributions of the driving slots of state `k` in a step to state `to`, in place.
+
+    For links of None, of a sum that is known to have none, there is nothing to compile.
+    """
+    if links is not None:
+        for m in range(links.shape[0]):
+            p = states[k, 0, links[m, 1]]
+            q = states[k, 1, links[m, 1]]
+            states[to, 0, links[m, 0]] += b[j + 1, m, 0] * p + b[j + 1, m, 1] * q
+            states[to, 1, links[m, 0]] += b[j + 1, m, 2] * p + b[j + 1, m, 3] * q
 
 
 @kernel(inline=True)
 def propagate(
     step: Array,
-    links: Indices,
+    links: Indices | None,
     link_step: Array,
     j: int,
     states: Array,
@@ -162,7 +166,14 @@ def propagate(
 
 @kernel(inline=True)
 def walk(
-    step: Array, links: Indices, link_step: Array, seen: int, j: int, states: Array, k: int, to: int
+    step: Array,
+    links: Indices | None,
+    link_step: Array,
+    seen: int,
+    j: int,
+    states: Array,
+    k: int,
+    to: int,
 ) -> None:
     """Propagate the seen slots without the low parts: for the search only."""
     for i in range(seen):
@@ -176,7 +187,7 @@ def walk(
 @kernel(constants=True)
 def propagate_steps(
     step: Array,
-    links: Indices,
+    links: Indices | None,
     link_step: Array,
     n: int,
     states: Array,

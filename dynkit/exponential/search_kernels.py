@@ -20,6 +20,7 @@ from dynkit.exponential.evaluation_kernels import (
     SCRATCH,
     START,
     WANTED_CODE,
+    Indices,
     Ladder,
     Workspace,
     expand,
@@ -129,24 +130,24 @@ def _lowered(c: Array, first: int, raised: float, e: float, earliest: float) -> 
 
 
 @kernel()
-def _value_at(ladder: Ladder, n: int, states: Array) -> float:
+def _value_at(ladder: Ladder, links: Indices | None, n: int, states: Array) -> float:
     """Return the sum after n smallest steps; two scratch states are modified."""
     seen = ladder.rows.shape[1]
     keep = n - n  # not the literal 0, for which the kernel would be compiled once more
-    k = propagate_steps(ladder.step, ladder.links, ladder.link_step, n, states, keep, 0, seen)
+    k = propagate_steps(ladder.step, links, ladder.link_step, n, states, keep, 0, seen)
     return value_and_rates(ladder.rows, ladder.offset, states, k)[0]
 
 
 @kernel()
-def _last_above(ladder: Ladder, n: int, states: Array) -> int:
+def _last_above(ladder: Ladder, links: Indices | None, n: int, states: Array) -> int:
     """Return the last node before `n` at which f is not negative; 0 if there is none."""
     low = n - 1
     high = n
-    while low > 0 and _value_at(ladder, low, states) < 0.0:
+    while low > 0 and _value_at(ladder, links, low, states) < 0.0:
         low, high = max(0, low - 2 * (high - low)), low
     while high - low > 1:
         middle = low + (high - low) // 2
-        if _value_at(ladder, middle, states) < 0.0:
+        if _value_at(ladder, links, middle, states) < 0.0:
             high = middle
         else:
             low = middle
@@ -201,7 +202,8 @@ def first_root(
     outcome, n, e, rate, cells : the root is at ``n * smallest + e``, `rate` is f' there.
     """
     step = ladder.step
-    links = ladder.links
+    # with None no code for driven slots is compiled
+    links = None if general is None else ladder.links
     link_step = ladder.link_step
     cell = ladder.cell
     rows = ladder.rows
@@ -311,7 +313,7 @@ def first_root(
                 passed += 1
                 if passed & 15 == 0:
                     # without touches only a crossing beyond the band counts
-                    if tail(ladder, states, current) > (band if touches else -band):
+                    if tail(ladder, links, states, current) > (band if touches else -band):
                         return NEVER, n, 0.0, 0.0, cells
                     if passed & 31 == 0 and j >= ladder.smooth - 2:
                         j = min(j + HURDLE, top)
@@ -370,7 +372,7 @@ def first_root(
             if c[0] <= threshold:
                 # f is inside the band, and certainly has no crossing so far: from here on only a
                 # crossing beyond the band counts
-                if stays_in_band(ladder, states, current, threshold):
+                if stays_in_band(ladder, links, states, current, threshold):
                     return NEVER, n, 0.0, 0.0, cells
                 if n == 0 and touches:
                     # the start is positive, but may be tiny
@@ -394,7 +396,7 @@ def first_root(
         if outcome == ROOT and raised > 0.0:
             if n > 0 and n != carried_to and c[0] < raised and c[1] < 0.0:
                 # the band is wide: f took several cells to cross it
-                n = _last_above(ladder, n, states)
+                n = _last_above(ladder, links, n, states)
                 e = smallest
                 current = propagate_steps(step, links, link_step, n, states, current, 0, seen)
                 if general is not None and ladder.apart:
@@ -407,19 +409,14 @@ def first_root(
             for _ in range(first):
                 slope *= e
             m = int(e / smallest)
-            if m > 0:
+            slots = states.shape[2]
+            if m > 0 or seen < slots:
                 n += m
                 e -= m * smallest
-                current = propagate_steps(step, links, link_step, n, states, current, 0, seen)
-            shift(ladder.generator, e, states, current, FOUND, 0, seen)
-            if general is not None and links.shape[0] > 0:
+                current = propagate_steps(step, links, link_step, n, states, current, 0, slots)
+            shift(ladder.generator, e, states, current, FOUND, 0, slots)
+            if general is not None and ladder.links.shape[0] > 0:
                 shift_linked(ladder, e, states, current, FOUND)
-            if seen < states.shape[2]:
-                other = propagate_steps(
-                    step, links, link_step, n, states, current, seen, states.shape[2]
-                )
-                last = states.shape[2]
-                shift(ladder.generator, e, states, other, FOUND, seen, last)
             if first == 0 and outcome == ROOT:
                 # the state gives a more accurate slope than the derivative of the polynomial
                 slope = value_and_rates(rows, offset, states, FOUND)[1]

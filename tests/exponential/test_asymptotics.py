@@ -23,12 +23,12 @@ TABLE, ONE = 2, 3
 
 @kernel(entry=True)
 def tail_of(sums: Ladder, states: Array) -> float:
-    return tail(sums, states, START)
+    return tail(sums, sums.links, states, START)
 
 
 @kernel(entry=True)
 def in_band(sums: Ladder, states: Array, band: float) -> bool:
-    return stays_in_band(sums, states, START, band)
+    return stays_in_band(sums, sums.links, states, START, band)
 
 
 MODES: dict[str, tuple[Pairs, Pairs]] = {

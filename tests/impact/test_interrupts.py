@@ -19,7 +19,7 @@ from hypothesis import given, strategies as st
 
 from dynkit.analysis.dimension import counting
 from dynkit.exponential import stacks, sums
-from dynkit.exponential.evaluation_kernels import CHANGE, LEAP, SEARCH
+from dynkit.exponential.evaluation_kernels import CHANGE, DEATH, LEAP, SEARCH
 from dynkit.exponential.propagators import cells_of_a_call
 from dynkit.exponential.sums import ExponentialSum, RootKind
 from dynkit.systems import DryFriction, HardStop, ImpactChain, ImpactDuffing, SoftStop
@@ -98,8 +98,9 @@ def test_chatter_contact_and_release_in_pieces_are_the_same(frequency: float, pa
         (ImpactChain(frequency=0.35), {LEAP}),
         (ImpactChain(masses=2, frequency=0.408, restitution=0.6), {CHANGE}),
         (ImpactChain(frequency=0.87, damping=30.0), {SEARCH}),
+        (ImpactChain(masses=2, amplitude=0.0, offset=-0.3, frequency=1.0), {DEATH}),
     ],
-    ids=["ordinary", "long flights", "chatter", "overdamped"],
+    ids=["ordinary", "long flights", "chatter", "overdamped", "table at rest"],
 )
 def test_a_run_pauses_for_code_that_it_needs(chain: ImpactChain, needed: set[int]) -> None:
     known: dict[Any, int] = {}

@@ -176,7 +176,7 @@ def _rests(
         if beside is not None:  # friction is decided only after contact has begun
             loose = undecided(tables, k, left)
         order = 0 if loose else order_at_rest(gap, y, band_factor)
-        if order > 0 and stays_in_band(gap, y, START, tables.tolerance):
+        if order > 0 and stays_in_band(gap, gap.links, y, START, tables.tolerance):
             # The gap would never exceed the tolerance: it moves by rounding errors only.
             order = 0
         sticks = order <= 0

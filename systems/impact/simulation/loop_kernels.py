@@ -13,9 +13,10 @@ from numpy.typing import NDArray
 
 from dynkit.core.jit import kernel
 from dynkit.core.validation import Array
-from dynkit.exponential.bound_kernels import died_out
+from dynkit.exponential.bound_kernels import died_out_by_address
 from dynkit.exponential.evaluation_kernels import (
     CHANGE,
+    DEATH,
     EPSILON,
     FOUND,
     KEPT,
@@ -29,12 +30,7 @@ from dynkit.exponential.evaluation_kernels import (
 )
 from dynkit.exponential.polynomial_kernels import LIMIT, NEVER, PAUSED, ROOT, TOUCH
 from dynkit.exponential.sampling_kernels import fly
-from dynkit.exponential.search_kernels import (
-    FOREVER,
-    first_root,
-    plain,
-    search_by_address,
-)
+from dynkit.exponential.search_kernels import FOREVER, first_root, plain, search_by_address
 from dynkit.exponential.stack_kernels import GROUP, ladder_at
 from dynkit.systems.impact.elements.law_kernels import evaluate
 from dynkit.systems.impact.simulation.change_kernels import (
@@ -211,8 +207,12 @@ def run(
                 at = g
                 gap = ladder_at(ladders, at)
             # A motion without forcing may die out.
-            if gap.steady < 0 and tables.period == 0.0 and died_out(gap, y, START):
-                return done, DIED_OUT
+            if gap.steady < 0 and tables.period == 0.0:
+                if codes[DEATH] <= 0:
+                    codes[DEATH] = WANTED_CODE
+                    return done, RUN_PAUSED
+                if died_out_by_address(codes[DEATH], (gap, y, START)):
+                    return done, DIED_OUT
             m = ladders.integers[g, GROUP]
             if codes[CHANGE] <= 0 and (beside is not None or tables.event[g] != IMPACT):
                 codes[CHANGE] = WANTED_CODE

@@ -126,7 +126,7 @@ def log_of_impacts(rows: int, layout: Layout) -> Any:
     """A log of impacts for the kernels; its contents are undefined."""
     turns = np.empty((rows if layout.table < 0 else 0, 2))
     guard, states = np.empty(rows, dtype=np.intp), np.empty((rows, 2, layout.slots))
-    return _kernels()[2].Impacts(np.empty(rows), np.empty(rows), guard, states, turns)
+    return _kernels()[2].Impacts(*np.empty((2, rows)), guard, states, turns)
 
 
 def log_of_switches(rows: int, slots: int) -> Any:
@@ -156,30 +156,31 @@ def fill_codes(
     waits: Array,
 ) -> None:
     """Put addresses of machine code into ``work.codes``; compile the code a run has paused for."""
-    from dynkit.exponential.evaluation_kernels import CHANGE, LEAP, NOISE, SEARCH, WANTED_CODE
+    from dynkit.exponential import evaluation_kernels as own
 
     if noise > 0.0:
-        work.codes[NOISE] = WANTED_CODE
-    for place, kind in ((LEAP, None), (SEARCH, None), (CHANGE, beside is None), (NOISE, None)):
-        if work.codes[place] == WANTED_CODE and (place, kind) not in _ADDRESSES:
-            from dynkit.exponential import certificate_kernels, search_kernels
+        work.codes[own.NOISE] = own.WANTED_CODE
+    for place in range(own.CODES):
+        if work.codes[place] == own.WANTED_CODE and (place, beside is None) not in _ADDRESSES:
+            from dynkit.exponential import bound_kernels, certificate_kernels, search_kernels
             from dynkit.systems.impact.simulation.change_kernels import change
 
-            if place == LEAP:
+            if place == own.LEAP:
                 given: Any = gap, 0, 0, 0, 0, 0, 0, factor, 0.0, True, 0, work.states
                 code: Any = certificate_kernels.leap
-            elif place == SEARCH:
-                given = gap, 0, 0.0, factor, True, 0, 0, 0, work
-                code = search_kernels.search
-            elif place == NOISE:
+            elif place == own.SEARCH:
+                given, code = (gap, 0, 0.0, factor, True, 0, 0, 0, work), search_kernels.search
+            elif place == own.DEATH:
+                given, code = (gap, work.states, 0), bound_kernels.motion_died_out
+            elif place == own.NOISE:
                 given = gap, tables.slots[0], True, work.states, clock, left[0], noise, factor
                 code = _kernels()[0].disturb
             else:
                 motion = tables, clock, left, beside, noise, factor
                 given = 0, 0, 0, 0.0, 0, *motion, impacts, switches, work, waits
                 code = change
-            _ADDRESSES[place, kind] = address_of(code, *given)
-        work.codes[place] = _ADDRESSES.get((place, kind), 0)
+            _ADDRESSES[place, beside is None] = address_of(code, *given)
+        work.codes[place] = _ADDRESSES.get((place, beside is None), 0)
 
 
 @final
