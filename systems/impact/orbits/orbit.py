@@ -60,7 +60,7 @@ class ImpactOrbit(KeptSolution, PeriodicOrbit):
     the impacts among them, and positions, velocities and positions of sliders just before the first
     event. The unknowns of P(inf,m) are the phases of releases and of the impacts before the
     chatters, the impulses of these impacts, and positions and velocities just before each release.
-    An orbit is admissible when simulation over its period finds the same events.
+    An orbit is admissible when simulation from each of its states finds the next one.
     """
 
     _problem: ImpactProblem
@@ -194,7 +194,7 @@ class ImpactOrbit(KeptSolution, PeriodicOrbit):
 
     @cached_property
     def admissible(self) -> bool:
-        """Whether simulation over its period finds the same events."""
+        """Whether simulation from each of its states finds the next one."""
         return self._problem.admissible(self._x, NONE)
 
     # --- its impacts and contacts -----------------------------------------------------------------
