@@ -21,7 +21,7 @@ def start_points(equations: Equations, y: Array) -> list[Point]:
 
     Raises
     ------
-    NoSolution
+    NoMotion
         When the derivative is not defined.
     """
     scale = equations.scale(y)

@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Iterable, Sequence
 from functools import cache
+from itertools import pairwise
 from typing import Any, final
 
 import numpy as np
@@ -35,8 +36,10 @@ _UNSETTLED = 0.25
 # step, a sixteenth of the first, which follows from the errors of the values.
 _BLUR = _MARGIN * 16.0
 # Slopes on both sides differ if their difference is above this many times their estimated errors.
-# The errors are underestimated where rounding errors of the values exceed the accuracy.
 _CORNER = 64.0
+# A smaller change over the smallest steps, relative to the values, is an error of the values. They
+# are judged from the steps after _SMALLER, over which smooth functions are straight.
+_ROUGH, _SMALLER = 1e-8, 20
 
 
 def parameter_difference(
@@ -84,6 +87,7 @@ def parameter_difference(
         When the function is refused at all steps on both sides.
     NoDerivative
         When the slopes on both sides differ, the function jumps, or differences do not converge.
+        Corners of values that are small beside the largest, and jumps below 1e-8 of it, pass.
 
     References
     ----------
@@ -111,7 +115,9 @@ def parameter_difference(
         before = scale
         if least.max(initial=0.0) <= wanted * abs(best).max(initial=0.0):
             return best
-    if quotients.jumps(best) or quotients.corner(best).any():
+    if quotients.jumps(best):
+        raise NoDerivative(f"there is no derivative at {value!r}: the function jumps")
+    if quotients.corner(best).any():
         raise NoDerivative(f"there is no derivative at {value!r}: the slopes on both sides differ")
     if not quotients.settled(best, _MARGIN * least, size):
         raise NoDerivative(f"there is no derivative at {value!r}: differences do not settle")
@@ -238,7 +244,7 @@ class _Quotients:
     ) -> None:
         self._refused = np.full(center.shape, np.nan)
         self._value, self._scale, self._accuracy = value, scale, accuracy
-        self._noise = accuracy * size
+        self._size, self._noise = size, accuracy * size
         first = scale * accuracy ** (1.0 / (_ORDER + 1))
         self._steps = [first / 2.0**k for k in range(_HALVINGS)]
 
@@ -264,8 +270,8 @@ class _Quotients:
         found, backward = self._change(-step)
         return found / backward, 0.0 * found, -backward
 
-    def _limit(self, kind: _Quotient, power: float) -> tuple[Array, Array]:
-        return extrapolated(map(kind, self._steps), power, self._noise)
+    def _limit(self, kind: _Quotient, power: float, noise: float | Array) -> tuple[Array, Array]:
+        return extrapolated(map(kind, self._steps), power, noise)
 
     def derivative(self) -> tuple[Array, Array]:
         """The derivative (m,) and its error (m,)."""
@@ -277,7 +283,7 @@ class _Quotients:
             kinds = [(self._ahead, 2.0), (self._behind, 2.0), (self._central, 4.0)]
         best, error = self._refused, np.full(self._refused.shape, np.inf)
         for kind, power in kinds:
-            found, its_error = self._limit(kind, power)
+            found, its_error = self._limit(kind, power, self._noise)
             if not its_error.max(initial=0.0) >= error.max(initial=0.0):
                 best, error = found, its_error
             if error.max(initial=0.0) <= _ENOUGH * abs(best).max(initial=0.0):
@@ -288,13 +294,25 @@ class _Quotients:
             )
         if not within and np.isfinite(self._change(last)[0] + self._change(-last)[0]).all():
             # one side alone does not show a corner
-            error = np.maximum(error, self._apart()[2])
+            error = np.maximum(error, self._apart(self._noise)[2])
         return best, error
 
-    def _apart(self) -> tuple[Array, Array, Array]:
+    def _roughness(self) -> Array:
+        """Errors (m,) of the values, which may be less exact than said.
+
+        They are the distances from straight lines on both sides, over small steps.
+        """
+        rough = np.full(self._refused.shape, self._noise)
+        for way in (1.0, -1.0):
+            changes = map(self._change, [way * step for step in self._steps[_SMALLER:]])
+            for (one, wide), (other, narrow) in pairwise(changes):
+                rough = np.fmax(rough, abs(one - wide / narrow * other))
+        return rough
+
+    def _apart(self, noise: float | Array) -> tuple[Array, Array, Array]:
         """Slopes (m,) ahead and behind, and their differences; zero where they agree."""
         (ahead, off), (behind, its_off) = (
-            self._limit(kind, 2.0) for kind in (self._ahead, self._behind)
+            self._limit(kind, 2.0, noise) for kind in (self._ahead, self._behind)
         )
         apart = abs(ahead - behind)
         return ahead, behind, np.where(apart > _CORNER * (off + its_off), apart, 0.0)
@@ -305,7 +323,9 @@ class _Quotients:
         Beside a corner, the slope agrees with that on one side, and on the other side the smallest
         steps do.
         """
-        ahead, behind, apart = self._apart()
+        ahead, behind, apart = self._apart(self._noise)
+        if apart.any():
+            ahead, behind, apart = self._apart(self._roughness())
         off = np.minimum(abs(ahead - slope), abs(behind - slope))
         return np.where(off > apart / 16.0, apart, 0.0)
 
@@ -316,7 +336,8 @@ class _Quotients:
                 self._change(way * self._steps[k])[0] - way * self._steps[k] * slope
                 for k in (0, -4, -1)
             )
-            least = np.maximum(_CORNER * self._noise, _CLEAR * np.nan_to_num(abs(first)))
+            least = np.fmax(_CORNER * self._noise, _ROUGH * self._size)
+            least = np.fmax(least, _CLEAR * abs(first))
             if (abs(last) > np.maximum(least, 0.5 * abs(before))).any():
                 return True
         return False
@@ -331,7 +352,7 @@ class _Quotients:
 
 
 def extrapolated(
-    quotients: Iterable[tuple[Array, Array, float]], power: float, noise: float
+    quotients: Iterable[tuple[Array, Array, float]], power: float, noise: float | Array
 ) -> tuple[Array, Array]:
     """Extrapolate difference quotients to step zero; each step is half of the one before.
 
@@ -344,7 +365,7 @@ def extrapolated(
     power : float
         Factor by which the error falls from one step to the next: 4 for an error that is
         proportional to the square of the step.
-    noise : float
+    noise : float or (m,) array
         Absolute error of the function's values.
 
     Returns
@@ -366,7 +387,7 @@ def extrapolated(
         if len(coarse):
             limits = row[1:, 0]
             changes = np.maximum(abs(limits - row[:-1, 0]), abs(limits - coarse[:, 0]))
-            changes += (abs(row[1:, 1]) + noise) / width
+            changes += (abs(row[1:, 1]) + np.ravel(noise)) / width
             changes[np.isnan(changes)] = np.inf
             nearest = changes.argmin(axis=0), np.arange(slope.size)
             its_error = changes[nearest].reshape(slope.shape)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import dataclasses
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Any, Self, final
+from typing import Any, Self, final
 
 import numpy as np
 
@@ -26,10 +26,6 @@ from dynkit.dynamics.flow import Crossing, Flow, flow_coordinates
 from dynkit.dynamics.hybrid_flow import smooth
 from dynkit.dynamics.return_map import ReturnMap
 from dynkit.dynamics.section import PoincareSection, Stroboscope
-
-if TYPE_CHECKING:
-    from dynkit.dynamics.section import PoincareSection
-
 
 # Largest number of Newton's steps, and the rounding of an integral relative to its terms.
 _STEPS, _ROUNDINGS = 50, 4.0 * 2.0**-52

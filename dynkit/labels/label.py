@@ -43,7 +43,8 @@ class OrbitLabel:
         states a period apart; it may exceed the tolerance when the motion settles geometrically.
         For a quasi-periodic motion, the largest distance of a state from a smooth closed curve
         through its neighbours, relative to the size of the curve. For a motion without further
-        impacts, zero if further impacts are excluded, otherwise infinity. For all other motions,
+        impacts, zero if further impacts are excluded, otherwise infinity. NaN where there is no
+        motion. For all other motions,
         the smallest distance of the last state to an earlier one, or infinity without earlier ones.
     simulated : int
         Number of examined states, including those for the growth of disturbances.
@@ -127,7 +128,7 @@ class OrbitLabel:
         rotation number has the `rotation_error`. For chaos it is the `chance`, a p-value. For a
         motion without further impacts it is zero where these are excluded, by a proof or because
         the motion cannot go on, and infinite where the search for one was given up. It is infinite
-        for an unsettled motion.
+        for an unsettled motion, and NaN where there is no motion.
         """
         if self.kind is OrbitKind.CHAOTIC:
             return self.chance

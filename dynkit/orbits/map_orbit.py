@@ -85,7 +85,7 @@ class MapOrbit(KeptSolution, PeriodicOrbit):
 
         Raises
         ------
-        NoSolution
+        NoMotion
             When the map has no derivative at a state.
         """
         return self.problem().multipliers(self._x, _NONE)

@@ -23,7 +23,7 @@ SHORT = 1e-8
 
 
 class NoSolution(NoMotion):
-    """The equations are not defined there."""
+    """The equations of an orbit are not defined at these unknowns and parameters."""
 
 
 class NoConvergence(RuntimeError):

@@ -40,7 +40,7 @@ def orbit_bound(problem: Problem, x: Array, p: Array) -> Array:
 
     Raises
     ------
-    NoSolution
+    NoMotion
         When the equations have no derivative at x.
     """
     equations = FixedParameters(problem, p)

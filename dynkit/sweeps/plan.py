@@ -72,7 +72,8 @@ class Plan:
             When an argument is refused, or the system has no default start and none is given.
         """
         begin = {name: float(axis[0]) for name, axis in values.items()}
-        if start is None and system.default_start is None:
+        first = system.replace(**begin)
+        if start is None and first.default_start is None:
             raise ValueError(f"start must be a state of the map, ({system.dimension},); got None")
         return cls(
             system=system,
@@ -82,7 +83,7 @@ class Plan:
             transient=non_negative_integer("transient", transient),
             keep=positive_integer("keep", keep),
             observables=_known_names(system.observables, observables),
-            start=np.empty(0) if start is None else system.replace(**begin).pack_state(start),
+            start=np.empty(0) if start is None else first.pack_state(start),
             **own,
         )
 

@@ -8,6 +8,7 @@ import time
 from collections import Counter
 from collections.abc import Sequence
 from concurrent.futures import Executor
+from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from functools import partial
 from typing import TYPE_CHECKING, Any, ClassVar, final
@@ -35,9 +36,6 @@ from dynkit.viewer.viewing import Viewed
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
-
-_NONE = OrbitKind.NO_MOTION.value
-"""How the ending begins at a value without a motion."""
 
 _MOST_RUNS = 16
 """Largest number of runs in which a displaced motion may leave an orbit. With the default 800
@@ -100,11 +98,12 @@ class SweepPlan(Plan):
                 if not isinstance(error, NoMotion) or isinstance(error, Refused):
                     error.add_note(f"at {self.names[0]} {value}")
                     raise
+                self._known.pop("last", None)
                 counts.append(0)
                 displaced.append(False)
-                # the next value of a following sweep has the start of this one
-                finals.append(system.pack_state(system.default_start if start is None else start))
-                endings.append(f"{_NONE}: {error}")
+                own = system.pack_state(system.default_start if start is None else start)
+                finals.append(np.full(len(own), np.nan))
+                endings.append(f"{OrbitKind.NO_MOTION.value}: {error}")
                 continue
             for name, rows in kept.items():
                 rows[place, : len(found[name])] = found[name]
@@ -132,10 +131,15 @@ class SweepPlan(Plan):
         return f"{self.names[0]} {value:.6g}: {name}"
 
     def start_after(self, before: tuple[float, Array] | None) -> Any:
-        """Return the start after a value and its packed last state; that of the first for None."""
-        if before is None and not len(self.start):  # the default start of the system
-            return None
-        value, packed = before or (self.begin[0], self.start)
+        """Return the start after a value and its packed last state.
+
+        After None, and after a value without a motion, it is that of the first value.
+        """
+        if before is None or np.isnan(before[1]).all():
+            if not len(self.start):  # the default start of the system
+                return None
+            before = self.begin[0], self.start
+        value, packed = before
         known, state = self._known.get("last", (None, None))
         return state if known == value else self.system_at(value).unpack_state(packed)
 
@@ -146,7 +150,8 @@ class SweepPlan(Plan):
         that the orbit is stable, the last state is displaced and the motion simulated from there,
         until disturbances of this size have had time to grow to the size of the motion. Where the
         multipliers prove neither stability nor instability, and the displaced motion remains near
-        the orbit, the orbit is not unstable: the motion before the displacement is returned.
+        the orbit, the orbit is not unstable: the motion before the displacement is returned. So it
+        is where the displaced motion runs away.
         """
         motion = self.motion(system, start)
         if motion._stays:
@@ -156,10 +161,13 @@ class SweepPlan(Plan):
             return motion, False
         # geometric mean of the error of an iterate, relative to the motion's size, and of that size
         size = math.sqrt(system.accuracy)
-        away = system.displaced(motion, size)
-        for _ in range(self._runs_to_leave(label, size)):
-            away = self.motion(system, away).final
-        left = self.motion(system, away)
+        try:
+            away = system.displaced(motion, size)
+            for _ in range(self._runs_to_leave(label, size)):
+                away = self.motion(system, away).final
+            left = self.motion(system, away)
+        except NoMotion:
+            return motion, False
         if label.stable is None and _near(motion, left, size):
             return motion, False
         return left, True
@@ -225,8 +233,8 @@ def sweep(
     start : state, optional
         Start of the first value; by default that of the system. A plain map needs one.
     follow : bool
-        Whether each value starts from the last state of the last value before it that has a motion;
-        otherwise all values have the same start.
+        Whether each value starts from the last state of the value before it, or, where that has no
+        motion, as the first value; otherwise all values have the same start.
     executor : concurrent.futures.Executor, optional
         Executor that simulates chunks of values, with ``follow=False`` only: processes, threads,
         Dask, MPI. The result is the same bits with any executor and any number of workers, and
@@ -451,13 +459,14 @@ class Sweep(Viewed, Swept):
             As `attractor`.
         """
         if place not in self._labels:
-            none = OrbitLabel(OrbitKind.NO_MOTION, None, None, 0.0, 0.0, 0)
-            self._labels[place] = self.attractor(place).label if self._moves(place) else none
+            try:
+                self._labels[place] = self.attractor(place).label
+            except Refused:
+                raise
+            except NoMotion:  # of the kept states, or later of those that the label examines
+                none = OrbitLabel(OrbitKind.NO_MOTION, None, None, np.nan, np.nan, 0)
+                self._labels[place] = none
         return self._labels[place]
-
-    def _moves(self, place: int) -> bool:
-        """Whether there is a motion at ``values[place]``."""
-        return not self.endings[index_in("place", place, 0, len(self) - 1)].startswith(_NONE)
 
     def plot(self, ax: Axes | None = None) -> Axes:
         """Draw the first observable at the kept states against the parameter.
@@ -548,6 +557,8 @@ class Sweep(Viewed, Swept):
         attractor, and only the distribution of many states has a meaning. It is NaN where there is
         no motion.
         """
-        moves = map(self._moves, range(len(self)))
-        errors = [self.attractor(i).error if there else np.nan for i, there in enumerate(moves)]
-        return read_only(np.array(errors))
+        errors = np.full(len(self), np.nan)
+        for place in range(len(self)):
+            with suppress(NoMotion):
+                errors[place] = self.attractor(place).error
+        return read_only(errors)

@@ -248,3 +248,15 @@ def test_a_number_that_does_not_occur_costs_few_calls() -> None:
 
     assert not parameter_difference(constant, 0.3).any()
     assert len(asked) <= 25
+
+
+@pytest.mark.parametrize("digits", [9, 10, 11])
+def test_values_less_exact_than_said_do_not_look_like_corners(digits: int) -> None:
+    def values(x: float) -> Array:
+        return np.round(np.array([np.sin(x), np.exp(x)]), digits)
+
+    errors = [
+        abs(parameter_difference(values, x) / [np.cos(x), np.exp(x)] - 1.0).max()
+        for x in np.random.default_rng(0).uniform(0.2, 1.3, 200).tolist()
+    ]
+    assert np.median(errors) < 1e-6

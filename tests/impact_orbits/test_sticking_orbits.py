@@ -293,3 +293,16 @@ def test_states_at_releases_lead_to_the_stop_they_leave() -> None:
         shift = orbit.phases[k] - orbit.phases[0]
         first = (orbit.observable("time") - shift / orbit.system.frequency) % orbit.period
         assert record.time[0] == pytest.approx(first.min(), abs=1e-9)
+
+
+def test_a_search_finds_the_orbits_on_which_motions_settle() -> None:
+    chain = ImpactChain(masses=2, frequency=0.491233, damping=0.0658276, restitution=0.149039)
+    orbits = chain.periodic_orbits(sticking=True)
+    stable = [o.multipliers[0] for o in orbits if o.admissible and o.stable]
+    assert abs(np.array(stable)) == pytest.approx([0.672, 0.138], abs=1e-3)
+    # motions settle on each of them
+    random, seen = np.random.default_rng(0), set()
+    for x in random.uniform(0.0, 3.0, (24, 2)):
+        motion = chain.attractor(start=chain.state(position=x), transient=300)
+        seen.add(round(motion.label.multiplier, 2))
+    assert {0.67, 0.14} <= seen

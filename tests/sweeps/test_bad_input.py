@@ -11,12 +11,15 @@ from dynkit import Map, Sweep, basins, parameter_map, sweep
 from dynkit.analysis import BifurcationDiagram
 from dynkit.core.no_motion import Diverged, Refused
 from dynkit.core.validation import Array
-from dynkit.systems import Henon, Logistic
+from dynkit.labels.label import OrbitKind
+from dynkit.systems import HardStop, Henon, Logistic, MatrixOscillator
 from tests.scaling.cases import STARTS, VALUES
 from tests.sweeps.cases import (
     CHAIN,
     FREQUENCIES,
     START,
+    Counted,
+    assert_same_bits,
     sweep_rates,
 )
 
@@ -138,9 +141,8 @@ def test_a_sweep_goes_on_after_a_motion_that_runs_away(tmp_path: Path, follow: b
     assert found.counts.tolist() == [0, 100, 0, 0, 100]
     assert np.isnan(found.observable("state[0]")).sum(axis=1).tolist() == [100, 0, 100, 100, 0]
     assert np.isnan(found.error).tolist() == [True, False, True, True, False]
-    # a following sweep goes on from the last state of the last motion
-    start = found.attractor(1).final if follow else np.array(START)
-    alone = Logistic(3.5).attractor(start=start)
+    # after a value without a motion a following sweep starts as at its first value
+    alone = Logistic(3.5).attractor(start=START)
     assert found.observable("state[0]")[4].tolist() == alone.states[:, 0].tolist()
     with pytest.raises(Diverged, match="runs away"):
         found.attractor(2)
@@ -149,6 +151,63 @@ def test_a_sweep_goes_on_after_a_motion_that_runs_away(tmp_path: Path, follow: b
     assert loaded.label(3).name == "no motion"
     assert loaded.attractor(4).label == found.label(4)
     assert BifurcationDiagram.of(found).intervals[0].label == "no motion"
+
+
+def test_a_sweep_resumes_after_a_value_without_a_motion_with_the_same_bits(tmp_path: Path) -> None:
+    store, values = tmp_path / "x.h5", [3.5, 3.5, 4.5, 3.5, 3.2]
+    options: dict[str, Any] = {"start": START, "transient": 20, "keep": 10, "progress": False}
+    whole = sweep(Counted(3.0), "rate", values, **options)
+    assert whole.endings[2].startswith("no motion")
+    for calls, done in ((30, 1), (31, 2), (30, 3)):
+        Counted.trap = (Counted.calls + calls, KeyboardInterrupt)
+        with pytest.raises(KeyboardInterrupt):
+            sweep(Counted(3.0), "rate", values, store=store, **options)
+        assert len(dynkit.data.store.read(store).arrays["done"]) == done
+    assert_same_bits(sweep(Counted(3.0), "rate", values, store=store, **options), whole)
+
+
+def test_a_motion_whose_kept_states_exist_but_later_ones_run_away_has_no_label() -> None:
+    options: dict[str, Any] = {"transient": 0, "keep": 20, "follow": False, "progress": False}
+    found = sweep(Logistic(3.0), "rate", [3.2, 4.001], start=START, **options)
+    assert found.counts.tolist() == [20, 20]
+    assert [label.name for label in found.labels] == ["P(2)", "no motion"]
+    assert np.isnan(found.labels[1].error)
+
+
+@dataclass(frozen=True)
+class Cubic(Map):
+    """The origin is fixed; where it is unstable, motions beside it run away."""
+
+    rate: float = 2.0
+
+    @property
+    def dimension(self) -> int:
+        return 1
+
+    def __call__(self, state: Array) -> Array:
+        return self.rate * state + state**3
+
+
+def test_an_unstable_orbit_from_which_motions_run_away_is_a_motion() -> None:
+    found = sweep(Cubic(), "rate", [2.0, 0.5], start=[0.0], progress=False)
+    assert [label.name for label in found.labels] == ["P(1) unstable", "P(1)"]
+    assert not found.displaced.any()
+
+
+def test_the_value_of_the_swept_parameter_has_no_effect() -> None:
+    stops = [HardStop(0, offset=0.1, name="low"), HardStop(0, side="below", name="high")]
+    plain = {"M": [[1.0]], "C": [[0.1]], "K": [[1.0]], "harmonic_forces": [0.5]}
+    machine = MatrixOscillator(**plain, frequency=0.8, elements=stops)
+    options: dict[str, Any] = {"transient": 20, "keep": 10, "progress": False}
+    found = sweep(machine, "high.offset", [0.4, 0.5], **options)
+    assert found.counts.tolist() == [10, 10]
+    plane = parameter_map(machine, {"high.offset": [0.4], "frequency": [0.8, 0.9]}, **options)
+    assert "refused" not in plane.names
+
+
+def test_pairs_without_a_motion_are_found_by_their_kind() -> None:
+    found = parameter_map(Henon(), {"a": [1.2, 3.0], "b": [0.3]}, start=[0.0, 0.0], progress=False)
+    assert found.where(OrbitKind.NO_MOTION).tolist() == [[False], [True]]
 
 
 @pytest.mark.parametrize("place", [-1, 40])

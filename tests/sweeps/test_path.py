@@ -48,7 +48,7 @@ def entered(run: Callable[[], object]) -> set[tuple[str, str]]:
     return {pair for pair in found if not pair[1].endswith("<genexpr>")}
 
 
-@pytest.mark.parametrize(("follow", "files", "functions"), [(False, 12, 69), (True, 18, 128)])
+@pytest.mark.parametrize(("follow", "files", "functions"), [(False, 12, 70), (True, 18, 132)])
 def test_a_stored_sweep_of_a_small_map_enters_few_functions(
     follow: bool, files: int, functions: int, tmp_path: Path
 ) -> None:

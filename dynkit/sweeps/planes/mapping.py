@@ -394,7 +394,8 @@ class ParameterMap(Viewed, Swept):
 
     def where(self, kind: OrbitKind) -> NDArray[np.bool_]:
         """Return whether the motion at each pair is of a kind, (k1, k2)."""
-        return np.asarray(self._rows.arrays["kind"] == KINDS.index(kind)).reshape(self._shape)
+        number = NO_MOTION if kind is OrbitKind.NO_MOTION else KINDS.index(kind)
+        return np.asarray(self._rows.arrays["kind"] == number).reshape(self._shape)
 
     @cached_property
     def names(self) -> NDArray[np.str_]:

@@ -42,7 +42,7 @@ class EigenCoordinates:
         used = np.append(layout.modes, np.array(driven, dtype=np.intp))
         rates, to, fro, condition, error = (_linked if pairs.links.size else _alone)(mode, used)
         kept = rates.imag >= 0.0
-        rates, to, fro, error = rates[kept], to[kept], fro[:, kept], error[kept]
+        rates, to, fro, error = rates[kept].astype(complex), to[kept], fro[:, kept], error[kept]
         # A complex coordinate also represents its conjugate.
         fro = fro * np.where(rates.imag > 0.0, 2.0, 1.0)
         n = mode.bodies

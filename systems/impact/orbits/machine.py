@@ -279,6 +279,11 @@ class Machine:
         }
         return out
 
+    def closed(self, element: int) -> Regimes:
+        """The mode of contact with one stop, with all other elements in their first regime."""
+        numbers = tuple(int(k == element) for k in range(len(self.elements)))
+        return Regimes(numbers, (element,))
+
     def restitution(self, element: int) -> Any:
         """Coefficient of restitution of a hard stop."""
         return self._own[element][4]

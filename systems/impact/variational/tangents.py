@@ -188,7 +188,8 @@ def _stretched(steps: Steps, frame: Array) -> Array:
 def steps_of(oscillator: DrivenStructure, run: Trajectory, now: slice | None = None) -> Steps:
     """The steps of a run to some impacts, by default all: contact, flight, impact.
 
-    Long flights and contacts are cut into parts, see `SPREAD`.
+    The machine has one hard stop, or a table with play, and no other element. Long flights and
+    contacts are cut into parts, see `SPREAD`.
     """
     now = now or slice(0, run.impacts)
     motion, flights, some, before, held, jumps, lost = _between(oscillator, run, now)

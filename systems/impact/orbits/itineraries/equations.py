@@ -460,7 +460,7 @@ class ItineraryEquations(ImpactProblem):
 
         Raises
         ------
-        NoSolution
+        NoMotion
             When the equations of the other orbit are not defined.
         """
         return beyond(self, event, x, p)

@@ -11,8 +11,16 @@ from dynkit.core.validation import Array
 from dynkit.systems.impact.orbits.itineraries.finding import guess_of, sizes_of
 from dynkit.systems.impact.orbits.itineraries.itinerary import events_seen, from_release
 from dynkit.systems.impact.orbits.itineraries.motions import simulated_motions
+from dynkit.systems.impact.orbits.machine import Machine, machine_of
 from dynkit.systems.impact.simulation.starts import own_start
-from dynkit.systems.impact.simulation.state import TWO_PI, ImpactState, without_shift
+from dynkit.systems.impact.simulation.state import (
+    TWO_PI,
+    ImpactState,
+    Motion,
+    state_at,
+    turning,
+    without_shift,
+)
 
 if TYPE_CHECKING:
     from dynkit.systems.impact.impact_map import ImpactMap
@@ -85,7 +93,7 @@ def released(system: ImpactMap, state: ImpactState, periods: int, most: int) -> 
 
 
 def _starts(oscillator: ImpactMap) -> Iterator[ImpactState]:
-    """States on the stops, at rest and at random, and a state after a transient.
+    """Releases of steady and random motions in contact, and a state after a transient.
 
     If a table is not the only element, they are the ends of simulated motions that stick.
     """
@@ -93,11 +101,36 @@ def _starts(oscillator: ImpactMap) -> Iterator[ImpactState]:
         motions = simulated_motions(oscillator)
         yield from (record.final for record in motions if len(record.sticking))
         return
-    random, n = np.random.default_rng(0), oscillator.degrees_of_freedom - 1
-    size = oscillator._length * np.repeat([1.0, oscillator.frequency], n)
+    turns = turning(np.linspace(0.0, TWO_PI, 720, endpoint=False))
+    random, m = np.random.default_rng(0), machine_of(oscillator)
     for side in range(len(oscillator._stops)):
+        closed, others = m.closed(side), oscillator._others[side]
+        places, motion = np.append(others, m.size + others), turns @ _steady(m, side).T
+        size = abs(motion[:, places]).max(axis=0)
+        put = m.caught(m.free, closed) @ m.put_on(side)
         for k in range(STARTS):
-            places = size * random.uniform(-1.0, 1.0, 2 * n) if k else np.zeros(2 * n)
-            on_stop = -0.0 if side else 0.0, TWO_PI * k / STARTS
-            yield oscillator.impact_state(np.append(places, on_stop))
+            z = np.concatenate([motion, turns], axis=1)
+            z[:, places] += size * random.uniform(-1.0, 1.0, len(size)) if k else 0.0
+            z = z @ put.T
+            force = z @ m.force(closed, side)
+            falls = np.flatnonzero((force >= 0.0) & (np.roll(force, -1) < 0.0))
+            if len(falls):
+                at, n = z[falls[0]], m.size
+                own = at[:n], at[n : 2 * n], at[-3:-1]
+                yield state_at(oscillator, *own, 0.0, side, Motion.RELEASE)
     yield oscillator.attractor(start=own_start(oscillator), transient=1000, impacts=1).final
+
+
+def _steady(m: Machine, side: int) -> Array:
+    """Steady motion in contact: coefficients (2N, 3) of sine, cosine and one."""
+    d, flow, gap = 2 * m.size, m.flow(m.closed(side)), m.gap(side)
+    inner, given, w = flow[:d, :d], flow[:d, d:], float(m.frequency)
+    turned = np.block([[inner, w * np.eye(d)], [-w * np.eye(d), inner]])
+    rows = np.kron(np.eye(2), gap[:d])
+    harmonic = np.linalg.lstsq(
+        np.vstack([turned, rows]), -np.append(given[:, :2].T.ravel(), gap[d : d + 2]), rcond=None
+    )[0]
+    still = np.linalg.lstsq(
+        np.vstack([inner, gap[:d]]), -np.append(given[:, 2], gap[-1]), rcond=None
+    )
+    return np.stack([*harmonic.reshape(2, d), still[0]], axis=1)
