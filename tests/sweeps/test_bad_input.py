@@ -196,7 +196,7 @@ def test_an_unstable_orbit_from_which_motions_run_away_is_a_motion() -> None:
 
 def test_the_value_of_the_swept_parameter_has_no_effect() -> None:
     stops = [HardStop(0, offset=0.1, name="low"), HardStop(0, side="below", name="high")]
-    plain = {"M": [[1.0]], "C": [[0.1]], "K": [[1.0]], "harmonic_forces": [0.5]}
+    plain: dict[str, Any] = {"M": [[1.0]], "C": [[0.1]], "K": [[1.0]], "harmonic_forces": [0.5]}
     machine = MatrixOscillator(**plain, frequency=0.8, elements=stops)
     options: dict[str, Any] = {"transient": 20, "keep": 10, "progress": False}
     found = sweep(machine, "high.offset", [0.4, 0.5], **options)
