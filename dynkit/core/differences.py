@@ -40,6 +40,10 @@ _CORNER = 64.0
 # A smaller change over the smallest steps, relative to the values, is an error of the values. They
 # are judged from the steps after _SMALLER, over which smooth functions are straight.
 _ROUGH, _SMALLER = 1e-8, 20
+# A limit is compared with the quotient at the step that is halved so many times more.
+_FARTHER = 6
+
+_OR = ", or the values are less exact than their `accuracy`"
 
 
 def parameter_difference(
@@ -120,7 +124,7 @@ def parameter_difference(
     if quotients.corner(best).any():
         raise NoDerivative(f"there is no derivative at {value!r}: the slopes on both sides differ")
     if not quotients.settled(best, _MARGIN * least, size):
-        raise NoDerivative(f"there is no derivative at {value!r}: differences do not settle")
+        raise NoDerivative(f"there is no derivative at {value!r}: differences do not settle{_OR}")
     return best
 
 
@@ -216,7 +220,7 @@ def numerical_derivative(
         if not settled:
             raise Refused(
                 f"there is no derivative by number {k} of {point.tolist()}: differences do not "
-                "settle"
+                f"settle{_OR}"
             )
         derivative[:, k], error[:, k] = slope, off
     return derivative, error
@@ -273,6 +277,28 @@ class _Quotients:
     def _limit(self, kind: _Quotient, power: float, noise: float | Array) -> tuple[Array, Array]:
         return extrapolated(map(kind, self._steps), power, noise)
 
+    def _confirmed(self, kind: _Quotient, power: float) -> tuple[Array, Array]:
+        """The limit of quotients, not contradicted by the quotient at a far smaller step.
+
+        At steps near multiples of its period, a function looks like another smooth function.
+        """
+        steps = iter(self._steps)
+        best, error = extrapolated(map(kind, steps), power, self._noise)
+        while best.any() and (left := list(steps)):
+            left = left[min(_FARTHER, len(left) - 1) :]
+            there, _, width = kind(left[0])
+            off = abs(there - best)
+            doubt = error + _CORNER * self._noise / width + 0.1 * abs(best)
+            if not (off > doubt).any():
+                break
+            steps = iter(left)
+            found, its_error = extrapolated(map(kind, steps), power, self._noise)
+            if its_error.max(initial=0.0) > _CLEAR * abs(found).max(initial=0.0):
+                error = np.where(off > doubt, off, error)
+                break
+            best, error = found, its_error
+        return best, error
+
     def derivative(self) -> tuple[Array, Array]:
         """The derivative (m,) and its error (m,)."""
         first, last = self._steps[0], self._steps[-1]
@@ -283,7 +309,7 @@ class _Quotients:
             kinds = [(self._ahead, 2.0), (self._behind, 2.0), (self._central, 4.0)]
         best, error = self._refused, np.full(self._refused.shape, np.inf)
         for kind, power in kinds:
-            found, its_error = self._limit(kind, power, self._noise)
+            found, its_error = self._confirmed(kind, power)
             if not its_error.max(initial=0.0) >= error.max(initial=0.0):
                 best, error = found, its_error
             if error.max(initial=0.0) <= _ENOUGH * abs(best).max(initial=0.0):
