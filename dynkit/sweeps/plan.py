@@ -76,7 +76,7 @@ class Plan:
         if start is None and first.default_start is None:
             raise ValueError(f"start must be a state of the map, ({system.dimension},); got None")
         return cls(
-            system=system,
+            system=first,
             kind=kind_of(system),
             names=tuple(begin),
             begin=tuple(begin.values()),
