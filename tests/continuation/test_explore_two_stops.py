@@ -33,8 +33,8 @@ def stops_of(branch: Branch) -> list[int]:
 
 
 def test_each_stop_has_branches_of_its_own(network: Network) -> None:
-    near, far = network.find("P(1,1)")
-    assert [stops_of(near), stops_of(far)] == [[0], [1]]
+    near, far = network.find("P(1,1)")  # in an order that rounding decides
+    assert sorted([stops_of(near), stops_of(far)]) == [[0], [1]]
     # mirror images of one another
     values = [[b.value for b in branch.bifurcations] for branch in (near, far)]
     assert np.allclose(values[0], values[1], rtol=0.0, atol=1e-10)
