@@ -37,10 +37,10 @@ _UNSETTLED = 0.25
 _BLUR = _MARGIN * 16.0
 # Slopes on both sides differ if their difference is above this many times their estimated errors.
 _CORNER = 64.0
-# A smaller change over the smallest steps, relative to the values, is an error of the values. They
-# are judged from the steps after _SMALLER, over which smooth functions are straight.
+# A jump below _ROUGH, relative to the values, counts as an error of the values. These errors are
+# judged from the steps after the first _SMALLER ones, over which smooth functions are straight.
 _ROUGH, _SMALLER = 1e-8, 20
-# A limit is compared with the quotient at the step that is halved so many times more.
+# A limit is compared with the quotient at the step after the next _FARTHER ones.
 _FARTHER = 6
 
 _OR = ", or the values are less exact than their `accuracy`"
@@ -60,7 +60,8 @@ def parameter_difference(
     result is the extrapolation, over all steps and orders, with the smallest estimated error. That
     estimate adds the last change of the extrapolation, the error of the mean of the values at both
     ends, and the accuracy of the values. Steps at which the function is refused are left out, and
-    so are large steps whose estimates contradict those of smaller steps.
+    so are large steps whose estimates contradict those of smaller steps. The result is compared
+    with the difference at a step that is up to 128 times smaller than the last one.
 
     Parameters
     ----------
