@@ -189,29 +189,8 @@ _Structure = TypeVar("_Structure", bound=LagrangianStructure)
 _lock = RLock()
 
 
-class _Derivations:
-    """The last used derivations: one, or at most `_MOST` with `_MOST_KEPT` matrix elements."""
-
-    def __init__(self) -> None:
-        self._kept: OrderedDict[Hashable, Derivation] = OrderedDict()
-        self._entries = 0
-
-    def known(self, key: Hashable) -> Derivation | None:
-        """Return the derivation that was kept under a key, or None."""
-        if key in self._kept:
-            self._kept.move_to_end(key)
-        return self._kept.get(key)
-
-    def keep(self, key: Hashable, found: Derivation) -> None:
-        """Keep a derivation; drop the least recently used ones."""
-        self._kept[key] = found
-        self._entries += found.mass.size**2
-        while len(self._kept) > 1 and (self._entries > _MOST_KEPT or len(self._kept) > _MOST):
-            _, dropped = self._kept.popitem(last=False)
-            self._entries -= dropped.mass.size**2
-
-
-_derivations = _Derivations()
+_kept: OrderedDict[Hashable, Derivation] = OrderedDict()
+"""The last used derivations: one, or at most `_MOST` with `_MOST_KEPT` matrix elements."""
 
 
 def shared_derivation(structure: LagrangianStructure) -> Derivation:
@@ -220,11 +199,16 @@ def shared_derivation(structure: LagrangianStructure) -> Derivation:
     with _lock:
         if key is None:
             return watched(structure)._derive()
-        known = _derivations.known(key)
-        if known is None:
-            known = watched(structure)._derive()
-            _derivations.keep(_key(structure), known)  # the key, now that the used fields are known
-        return known
+        if key not in _kept:
+            found = watched(structure)._derive()
+            key = _key(structure)  # the used fields are known now
+            _kept[key] = found
+            while len(_kept) > 1 and (
+                len(_kept) > _MOST or sum(d.mass.size**2 for d in _kept.values()) > _MOST_KEPT
+            ):
+                _kept.popitem(last=False)
+        _kept.move_to_end(key)
+        return _kept[key]
 
 
 def share_derivation(one: LagrangianStructure, other: LagrangianStructure) -> bool:

@@ -20,9 +20,7 @@ from dynkit.systems.impact.impact_map import ImpactMap
 from dynkit.systems.impact.orbits.sensitivity import change_by, map_derivative_by
 from dynkit.systems.impact.oscillators.attractor import ImpactAttractor
 from dynkit.systems.impact.records.record import OF_IMPACTS, ImpactRecord
-from dynkit.systems.impact.simulation.state import (
-    ImpactState,
-)
+from dynkit.systems.impact.simulation.state import ImpactState
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING, Any, Protocol
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -25,34 +25,9 @@ _REACH = 0.75
 """Largest change of a distance between masses, relative to that distance in the sketch."""
 
 
-class Recorded(Protocol):
-    """The properties and methods of a record that an animation uses."""
-
-    system: ImpactMap
-
-    @property
-    def time(self) -> Array:
-        """Times (n,) of the impacts."""
-
-    @property
-    def element(self) -> Any:
-        """Number (n,) of the stop that each impact hit."""
-
-    def sample(self, times: object) -> tuple[Array, Array]:
-        """Positions and velocities at given times."""
-
-    def observable(self, name: str, times: object = None) -> Array:
-        """An observable of an element at given times."""
-
-    def plot(
-        self, ax: Any = None, element: str | None = None, *, begin: float = 0.0, end: Any = None
-    ) -> Any:
-        """Draw the time series of an element."""
-
-
 @print_style()
 def animate(
-    record: Recorded, begin: float | None, end: float | None, frames: int, element: str | None
+    record: Any, begin: float | None, end: float | None, frames: int, element: str | None
 ) -> FuncAnimation:
     """Animate a record; see `ImpactRecord.animate`."""
     from matplotlib.animation import FuncAnimation
@@ -87,7 +62,7 @@ def animate(
     return Film(figure, show, frames=count, interval=_INTERVAL, blit=False)
 
 
-def poses_at(record: Recorded, times: Array) -> list[Pose]:
+def poses_at(record: Any, times: Array) -> list[Pose]:
     """Poses of the machine at times (k,), in units of the sketch."""
     system, names = record.system, element_names(record.system)
     x = record.sample(times)[0]
@@ -117,7 +92,7 @@ def poses_at(record: Recorded, times: Array) -> list[Pose]:
     ]
 
 
-def _since(record: Recorded, element: int, times: Array) -> Array:
+def _since(record: Any, element: int, times: Array) -> Array:
     """Times since the last impact with a stop, (k,); infinite before the first one."""
     hits = np.append(-math.inf, record.time[record.element == element])
     return np.asarray(times - hits[np.searchsorted(hits, times, side="right") - 1])

@@ -58,6 +58,9 @@ _TWINS = 3
 # whole run.
 _LEAST_CELLS, _CELLS_OF_TWINS = 10_000, 64
 
+_GO_ON = Ending.NO_FURTHER_CONTACT, Ending.CONTACT_FOR_EVER, Ending.DIED_OUT, Ending.CYCLE_ENDED
+"""Endings after which the motion is known for all times."""
+
 # Doubles in a batch of states: about thirty such arrays exist at once, 60 MB in total.
 _NUMBERS = 1 << 18
 
@@ -481,14 +484,7 @@ class ImpactRecord(Viewed, SavedWithSystem):
         last = longest_sample(self.system, self._run)
         if self.ending is Ending.COUNT_REACHED:
             last = float(self.time[-1]) if len(self) else 0.0
-        elif self.ending in (
-            Ending.SEARCH_LIMIT,
-            Ending.REPEATS,
-            Ending.JAMMED,
-            Ending.COLLAPSED,
-            Ending.HANGS,
-            Ending.PARADOX,
-        ):
+        elif self.ending not in _GO_ON:
             last = self._run.searched
         for i in np.flatnonzero((asked < 0.0) | (asked > last))[:1].tolist():
             raise ValueError(f"times[{i}] must lie in [0, {last}]; got {float(asked[i])}")

@@ -223,8 +223,7 @@ class _Curved(_Orders):
 
     def _number(self, guard: Any) -> int:
         """Number of a guard within its mode."""
-        own = [g for g in self.guards if g.mode == guard.mode]
-        return next(n for n, g in enumerate(own) if g is guard)
+        return int(self.guards.index(guard) - self.automaton.guard(guard.mode, -1))
 
     def _value(self, guard: Any, y: Array) -> float:
         return float(self.modes[guard.mode].watched(self._number(guard), y)[0])
