@@ -258,10 +258,10 @@ def _jumps(oscillator: DrivenStructure, run: Trajectory, now: slice) -> tuple[Ar
     rates, bends = before_impacts(oscillator, run, now)
     rates = np.minimum(rates, 0.0)
     r, slope = rebound(oscillator.restitution, rates)
-    numbers = saltation(slope, rates, bends)
-    pushed = np.where(rates < 0.0, -(1.0 + r), 0.0)
-    lost = np.where((rates < 0.0) & ((r == 0.0) | (slope == 0.0)), 1, 0)
-    return np.column_stack([numbers, pushed]), lost
+    jumps, hit = np.empty((len(rates), 3)), rates < 0.0
+    jumps[:, :2], jumps[:, 2] = saltation(slope, rates, bends), -(1.0 + r) * hit
+    lost = hit & ((r == 0.0) | (slope == 0.0))
+    return jumps, lost.astype(np.intp)
 
 
 def before_impacts(
