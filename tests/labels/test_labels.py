@@ -137,6 +137,21 @@ class Attracted(Synthetic):
         return replace(super().more(count), attraction=known)
 
 
+@pytest.mark.parametrize(("n", "most"), [(1, 2), (2, 4), (5, 4)])
+def test_a_motion_that_recurs_is_decided_by_few_comparisons(n: int, most: int) -> None:
+    """From the last state or period to all others, and from period to period of each divisor."""
+    compared: list[int] = []
+
+    class Counted(Synthetic):
+        def difference(self, a: Array, b: Array) -> Array:
+            compared.append(len(b))
+            return super().difference(a, b)
+
+    label = label_orbit(Counted(cycle(n), regular_times(n, 2)))
+    assert str(label) == f"P({n},2)"
+    assert len(compared) <= most
+
+
 def bent(number: Numbers) -> Array:
     """A decay to an orbit of one state, whose rate changes once, as on the way round a focus."""
     logs = -0.16 * number - 2.0 * np.cos(number / 40.0)

@@ -116,7 +116,8 @@ def returned(oscillator: DrivenStructure, run: Trajectory, impacts: Sequence[int
 
     d = oscillator.dimension
     steps = steps_of(oscillator, run, slice(impacts[0] + 1, impacts[-1] + 1))
-    ends = np.append(steps.first, len(steps.which))[np.array(impacts) - impacts[0]].tolist()
+    first = [*steps.first.tolist(), len(steps.which)]
+    ends = [first[k - impacts[0]] for k in impacts]
     frames, none = np.zeros((len(impacts) - 1, d, d)) + np.eye(d), np.empty((0, d))
     for frame, begin, end in zip(frames, ends, ends[1:], strict=False):
         more: Any = frame, np.empty(d), none
@@ -227,9 +228,10 @@ def _between(oscillator: DrivenStructure, run: Trajectory, now: slice) -> Any:
 
     Contacts are given by their slice, the numbers of the flights after them, and their durations.
     """
-    some = slice(*np.searchsorted(run.before[: run.ended], [now.start, now.stop]))
     flights, held = run.durations
-    before = run.before[some] - now.start
+    before = run.before[: len(held)]
+    some = slice(*np.searchsorted(before, (now.start, now.stop))) if len(held) else slice(0)
+    before = before[some] - now.start
     return (
         *(free_motion(oscillator._contact), flights[now], some, before, held[some]),
         *_jumps(oscillator, run, now),
