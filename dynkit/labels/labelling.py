@@ -182,6 +182,7 @@ def _decided(source: OrbitSource, kept: int, tolerance: float, budget: int | Non
             orbit = Recurrences(window.releases, window.release_times, source.difference)
         else:
             orbit = Recurrences(window.states, window.times, source.difference)
+        nearest = float(orbit.from_last.min(initial=np.inf))
         period = orbit.recurrent(tolerance)
         if period is not None and window.resolves is not None and not window.resolves(period):
             period = None
@@ -197,7 +198,7 @@ def _decided(source: OrbitSource, kept: int, tolerance: float, budget: int | Non
                 growth.append(source.growth(steps))
                 chance = _parts_exponentially(growth, spent)
                 if chance is not None:
-                    found = (tolerance, orbit.nearest, spent)
+                    found = (tolerance, nearest, spent)
                     return OrbitLabel(OrbitKind.CHAOTIC, None, None, *found, chance=chance)
         request = min(max(seen, REPETITIONS), limit - spent)
         ends = 2 * request < seen
@@ -213,7 +214,7 @@ def _decided(source: OrbitSource, kept: int, tolerance: float, budget: int | Non
             rotation = rotation_of(orbit, tolerance, source.accuracy) if neutral else None
             if rotation and _is_certain(window, orbit.count - 1, orbit.scale, tolerance):
                 return _quasi_periodic_label(rotation, tolerance, spent)
-            return OrbitLabel(OrbitKind.UNSETTLED, None, None, tolerance, orbit.nearest, spent)
+            return OrbitLabel(OrbitKind.UNSETTLED, None, None, tolerance, nearest, spent)
 
 
 def with_multiplier(

@@ -84,11 +84,6 @@ class Recurrences:
         self.scale = largest if largest > 0.0 else 1.0
         self.from_last = self.distances(slice(-1, None), slice(None, -1))[::-1]
 
-    @property
-    def nearest(self) -> float:
-        """The smallest distance of the last state to an earlier one; infinity without any."""
-        return float(self.from_last.min(initial=np.inf))
-
     def distances(self, later: slice | _Indices, earlier: slice | _Indices) -> Array:
         """Return distances of states to earlier ones; elapsed time enters modulo one period."""
         gap = self.difference(self.states[later], self.states[earlier])
