@@ -56,6 +56,10 @@ class Window:
         states to their counterparts in the last n ones. Otherwise these distances may be those of a
         nonlinear motion, and no recurrence. None where motions are never so small without being
         periodic.
+    attraction : callable or None
+        Function (n, m) that returns the `attraction` of an orbit of n states or releases, and m
+        periods of the forcing, from the derivatives over the last two periods; infinity without
+        these. None where it is not known.
     """
 
     states: Array
@@ -65,6 +69,7 @@ class Window:
     release_error: Callable[[int, float], float] | None = None
     given_up: bool = False
     resolves: Callable[[int], bool] | None = None
+    attraction: Callable[[int, int | None], float] | None = None
 
 
 class OrbitSource(Protocol):
@@ -124,6 +129,9 @@ def label_orbit(
       extrapolated orbit is within 100 tolerances (1e-2 when the budget ends). If the map has
       derivatives, it must also be certain that the orbit is stable, or that it is unstable: see
       `with_multiplier`.
+    - A motion also gets the label of an orbit that is certain to attract by its multipliers, when
+      the derivative of the map shows that the last state is within the tolerance of this orbit: see
+      `attraction`.
     - After 800 states, a motion that neither recurs nor settles is chaotic when disturbances grow
       exponentially: their mean growth minus three standard errors is positive, and their total
       growth exceeds that of the square of time. The `chance` is the p-value of Student's t of 16
@@ -179,6 +187,8 @@ def _decided(source: OrbitSource, kept: int, tolerance: float, budget: int | Non
         if period is not None and window.resolves is not None and not window.resolves(period):
             period = None
         period = period or orbit.settling(_NEAR * tolerance)
+        if period is None and window.attraction is not None:
+            period = orbit.attracted(tolerance, window.attraction)
         if period is not None and not _is_certain(window, period, orbit.scale, tolerance):
             period = None
         if period is None and seen >= _CHAOS_AFTER and not orbit.decays:
@@ -229,6 +239,17 @@ def with_multiplier(
     """
     if not (np.isfinite(last).all() and np.isfinite(before).all()):
         return label
+    found, error = _multiplier(last, before, accuracy, errors)
+    known = copied(label, multiplier=found, multiplier_error=error)
+    if label.recurrence > label.tolerance and known.stable is None:
+        return replace(label, kind=OrbitKind.UNSETTLED, iterates=None, periods=None)
+    return known
+
+
+def _multiplier(
+    last: Array, before: Array, accuracy: float, errors: Array | None
+) -> tuple[float, float]:
+    """Return the largest modulus of the multipliers, and its error: see `with_multiplier`."""
     found, earlier = map(spectral_radius, (last, before))
     apart = abs(1.0 - found)
     change = abs(found - earlier)
@@ -238,10 +259,26 @@ def with_multiplier(
         random = np.random.default_rng(0)
         probes = [disturbed_eigenvalues(last, errors, random)[0] for _ in range(PROBES)]
         error += MARGIN * float(abs(abs(np.array(probes)) - found).max())
-    known = copied(label, multiplier=found, multiplier_error=error)
-    if label.recurrence > label.tolerance and known.stable is None:
-        return replace(label, kind=OrbitKind.UNSETTLED, iterates=None, periods=None)
-    return known
+    return found, error
+
+
+def attraction(last: Array, before: Array, accuracy: float) -> float:
+    """Return how far a state may be from its orbit, in units of its distance to the last period's.
+
+    Let A be the derivative over the last period, and d the change of the state over it. A nearby
+    orbit is then at a distance of |(1 - A)^-1 A d| from the last state, to first order: the sum of
+    all later changes. The result is the norm of (1 - A)^-1, or infinity where the multipliers do
+    not prove that the orbit attracts: see `with_multiplier`, also for the arguments.
+    """
+    if not (np.isfinite(last).all() and np.isfinite(before).all()):
+        return np.inf
+    found, error = _multiplier(last, before, accuracy, None)
+    if found + error >= 1.0:
+        return np.inf
+    unit = product = np.eye(last.shape[1])
+    for factor in last:
+        product = factor @ product
+    return float(np.linalg.norm(np.linalg.inv(unit - product), 2))
 
 
 def settled_label(
@@ -331,7 +368,9 @@ def _growth_of(growth: list[Array]) -> tuple[int, float, float] | None:
     blocks = np.concatenate([np.empty(0), *(run[len(run) // 4 :] for run in growth)])
     if len(blocks) < 2 * _BATCHES or not np.isfinite(blocks).all():
         return None
-    means = np.array([batch.sum() / len(batch) for batch in np.array_split(blocks, _BATCHES)])
+    size, rest = divmod(len(blocks), _BATCHES)
+    edges = [k * size + min(k, rest) for k in range(_BATCHES + 1)]  # the longest batches first
+    means = np.add.reduceat(blocks, edges[:-1]) / np.diff(edges)
     return len(blocks), float(means.mean()), float(means.std(ddof=1) / np.sqrt(_BATCHES))
 
 

@@ -112,6 +112,8 @@ class Recurrences:
     @kept
     def spread(self, n: int) -> float:
         """Return the largest distance of a state to its counterpart in the last n states."""
+        if n == 1:
+            return float(self.from_last.max())
         early = np.arange(self.count - n)
         return float(self.distances(self._counterparts(early, n), early).max())
 
@@ -130,17 +132,18 @@ class Recurrences:
         likely = np.flatnonzero(self.from_last[: self.count // REPETITIONS] <= tolerance) + 1
         if not len(likely):
             return None
-        # compare the first state first: while a motion settles it has the largest distance
-        first = self.distances(self._counterparts(0, likely), np.zeros_like(likely))
-        for n in likely[first <= tolerance].tolist():
-            if self.spread(n) <= tolerance:
-                return self._resolved(n, tolerance)
-        return None
+        n = int(likely[0])
+        if self.spread(n) > tolerance:
+            # compare the first state first: while a motion settles it has the largest distance
+            first = self.distances(self._counterparts(0, likely), np.zeros_like(likely))
+            near = likely[first <= tolerance].tolist()
+            n = next((n for n in near if self.spread(n) <= tolerance), 0)
+        return self._resolved(n, tolerance) if n else None
 
     def _resolved(self, n: int, tolerance: float) -> int | None:
         """Return the period among n and its multiples; None where it is not certain."""
         size = self.spread(n)
-        far = size > max(_SPLIT, _DRIFT * float(self.steps(n).max()))
+        far = size > _SPLIT and size > _DRIFT * float(self.steps(n).max())
         if far and not self._decay(n).falls(_DECAY_DEPTH):
             return None  # states drift from period to period, without a decay to an orbit
         factor: int | None = 0
@@ -208,6 +211,21 @@ class Recurrences:
                 apart = all(self.steps(k)[-1] > 3.0 * decay.rest for k in proper_divisors(n))
                 return n if certain and apart else None
         return None
+
+    def attracted(self, near: float, attraction: Callable[[int, int | None], float]) -> int | None:
+        """Return the period of an orbit that attracts the motion; None if that is not certain.
+
+        Its distance from the last state, the distance over the last period times its `attraction`,
+        must be at most `near`. Distances over parts of the period must be larger, and those over
+        multiples not much smaller, as where the period has just doubled.
+        """
+        reach = self.from_last[: self.count // REPETITIONS]
+        n = int(np.argmax(reach <= near)) + 1 if (reach <= near).any() else 0
+        if not n or (reach[n - 1] > _SPLIT and (reach[n - 1 :: n] < 0.1 * reach[n - 1]).any()):
+            return None
+        rest = float(self.steps(n)[-1]) * attraction(n, self.periods(n))
+        apart = all(self.steps(k)[-1] > 3.0 * rest for k in proper_divisors(n))
+        return n if rest <= near and apart else None
 
     @cached_property
     def _best(self) -> int:

@@ -278,6 +278,22 @@ def test_twins_search_for_no_longer_than_the_run_whose_error_they_give(
     assert max(twin.cells for twin in twins) < 200_000
 
 
+def test_an_error_computes_the_states_of_the_run_once_and_those_of_each_twin_once(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    computed: list[int] = []
+    plain: Any = vars(ImpactRecord)["states"]
+
+    def counted(record: ImpactRecord) -> Array:
+        computed.append(len(record))
+        return np.asarray(plain.fget(record))
+
+    record = ImpactChain(masses=2, frequency=0.9).simulate(impacts=50)
+    monkeypatch.setattr(ImpactRecord, "states", property(counted))
+    assert len(record.error) == 50
+    assert computed == [50] * 4
+
+
 ALONE = ImpactChain(masses=2, frequency=0.9)
 
 

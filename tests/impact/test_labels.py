@@ -108,6 +108,16 @@ def test_another_motion_at_0_87_recurs_to_50_digits() -> None:
     assert state_error(state, history.impacts[-1]) < 1e-14
 
 
+def test_a_focus_of_releases_is_labelled_although_no_straight_fit_describes_its_decay() -> None:
+    chain = ImpactChain(frequency=0.2, restitution=0.6818)
+    label = chain.attractor(transient=900, keep=100).label
+    assert str(label) == "P(inf,1)"
+    assert label.simulated <= 6400
+    record = chain.attractor(transient=label.simulated, keep=60).record
+    ends = record.sticking[:, 1] * chain.frequency / (2.0 * np.pi)
+    assert np.diff(ends) == pytest.approx(1.0, abs=label.tolerance)
+
+
 def test_sticking_motions_count_table_periods_and_no_impacts() -> None:
     label = ImpactChain(frequency=0.408).attractor().label
     assert label.kind is OrbitKind.STICKING

@@ -1,7 +1,7 @@
 """Labels of motions whose kind is known beforehand."""
 
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 import pytest
@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from dynkit.core.no_motion import Diverged
 from dynkit.core.validation import Array
 from dynkit.labels.label import OrbitKind, OrbitLabel
-from dynkit.labels.labelling import Window, label_orbit
+from dynkit.labels.labelling import Window, attraction, label_orbit
 from dynkit.labels.recurrence import _STEEPEST, _Decay
 
 Numbers = NDArray[np.int64]
@@ -122,6 +122,61 @@ def test_noise_above_the_tolerance_is_unsettled(level: float) -> None:
 @pytest.mark.parametrize("ratio", [0.2, -0.2, -0.5, 0.87, -0.9, 0.97, 0.99, -0.99])
 def test_a_motion_that_settles_gets_the_period_it_settles_on(n: int, ratio: float) -> None:
     assert str(label_of(settling(n, ratio), n, 3)) == f"P({n},3)"
+
+
+class Attracted(Synthetic):
+    """An orbit whose derivative over a period is a number, known to the label."""
+
+    derivative = 0.9
+
+    def more(self, count: int) -> Window:
+        def known(*_: object) -> float:
+            factors = np.full((1, 1, 1), self.derivative)
+            return attraction(factors, factors, self.accuracy)
+
+        return replace(super().more(count), attraction=known)
+
+
+@pytest.mark.parametrize(("n", "most"), [(1, 2), (2, 4), (5, 4)])
+def test_a_motion_that_recurs_is_decided_by_few_comparisons(n: int, most: int) -> None:
+    """From the last state or period to all others, and from period to period of each divisor."""
+    compared: list[int] = []
+
+    class Counted(Synthetic):
+        def difference(self, a: Array, b: Array) -> Array:
+            compared.append(len(b))
+            return super().difference(a, b)
+
+    label = label_orbit(Counted(cycle(n), regular_times(n, 2)))
+    assert str(label) == f"P({n},2)"
+    assert len(compared) <= most
+
+
+def bent(number: Numbers) -> Array:
+    """A decay to an orbit of one state, whose rate changes once, as on the way round a focus."""
+    logs = -0.16 * number - 2.0 * np.cos(number / 40.0)
+    return np.asarray(1.0 + np.array([0.3, -0.2]) * np.exp(logs)[:, None])
+
+
+def test_an_orbit_that_attracts_by_its_derivative_is_no_matter_of_a_fit() -> None:
+    source = Attracted(bent, regular_times(1, 2))
+    label = label_orbit(source, kept=90)
+    assert (str(label), label.simulated) == ("P(1,2)", 90)
+    assert label_orbit(Synthetic(bent, regular_times(1, 2)), kept=90).simulated > 90
+
+
+@pytest.mark.parametrize("derivative", [1.0 - 1e-9, 1.0, 1.1, np.nan, np.inf])
+def test_an_orbit_that_does_not_attract_is_left_to_the_fit(derivative: float) -> None:
+    source = Attracted(bent, regular_times(1, 2))
+    source.derivative = derivative
+    assert label_orbit(source, kept=90).simulated > 90
+
+
+def test_a_derivative_does_not_hide_a_doubled_period() -> None:
+    def doubled(number: Numbers) -> Array:
+        return np.asarray(bent(number) + split(1, 3e-8)(number)[:, :2])
+
+    assert str(label_orbit(Attracted(doubled, regular_times(1, 2)), kept=122)) == "P(2,4)"
 
 
 @pytest.mark.parametrize("ratio", [0.999, -0.999])

@@ -19,7 +19,13 @@ from dynkit.data.dataset import Dataset
 from dynkit.data.result import SavedWithSystem
 from dynkit.dynamics.attractor import Attractor
 from dynkit.labels.label import OrbitKind, OrbitLabel
-from dynkit.labels.labelling import Window, label_orbit, settled_label, with_multiplier
+from dynkit.labels.labelling import (
+    Window,
+    attraction,
+    label_orbit,
+    settled_label,
+    with_multiplier,
+)
 from dynkit.orbits.harmonics import harmonics_needed
 from dynkit.plotting.points import PHASE, RELATIVE_VELOCITY, displacement, draw_points
 from dynkit.systems.impact.records.drawing import shown_until
@@ -340,8 +346,14 @@ class _ImpactOrbit:
         times = None if self.system._cycled else (self.clock + record.time) / period
         if self.system._several:
             states = np.column_stack([states, record.element])
+
+        def attracts(n: int, periods: int | None) -> float:
+            found = self._derivatives(None if len(after) else n, periods)
+            return math.inf if found is None else attraction(*found, self.accuracy)
+
         given_up = record.ending is Ending.SEARCH_LIMIT
-        return Window(states, times, releases, release_times, release_error, given_up)
+        of_releases = releases, release_times, release_error
+        return Window(states, times, *of_releases, given_up, attraction=attracts)
 
     def _next(self, count: int) -> ImpactRecord:
         """The record of the next impacts; it is kept, since `growth` may need it before `more`."""
@@ -381,9 +393,17 @@ class _ImpactOrbit:
         )
 
     def _with_multiplier(self, label: OrbitLabel) -> OrbitLabel:
-        impacts = self._a_period_apart(label)
+        found = self._derivatives(label.iterates, label.periods)
+        return label if found is None else with_multiplier(label, *found, self.accuracy)
+
+    def _derivatives(self, n: int | None, m: int | None) -> tuple[Array, Array] | None:
+        """Derivatives over the last period of n impacts or m periods, and the one before it.
+
+        None where the motion has no derivative, or the record no two periods.
+        """
+        impacts = self._a_period_apart(n, m)
         if impacts is None:
-            return label
+            return None
         moves = self.system._progression.shift.size > 0
         if self.system._mapped or moves:
             states, found = self.record.states[impacts[0] : impacts[2]], list[Array]()
@@ -393,7 +413,7 @@ class _ImpactOrbit:
                     here, factors, _ = self.system._followed(here, len(states) - len(found))
                     found += [factor for (factor,), *_ in factors]
             except (NoDerivative, TangentCrossing):
-                return label
+                return None
             if moves:
                 begin = [self.system._progression_at(state).across for state in states]
                 end = [*begin[1:], begin[0]]
@@ -401,18 +421,18 @@ class _ImpactOrbit:
             before, last = np.split(np.array(found), [impacts[1] - impacts[0]])
         else:
             before, last = returned(self.system, self.record._run, impacts)[:, None]
-        return with_multiplier(label, last, before, self.system.accuracy)
+        return last, before
 
-    def _a_period_apart(self, label: OrbitLabel) -> list[int] | None:
+    def _a_period_apart(self, n: int | None, m: int | None) -> list[int] | None:
         """Indices of three impacts of the record, one period apart; None if there are none."""
-        record, n = self.record, label.iterates
+        record = self.record
         if n is not None:
             k = len(record) - 1
             return [k - 2 * n, k - n, k]
         after = _after_releases(record)
         if not len(after):
             return None
-        period = TWO_PI / self.system.frequency * (label.periods or 1)
+        period = TWO_PI / self.system.frequency * (m or 1)
         ago = (record.time[after[-1]] - record.time[after]) / period
         near = [int(np.argmin(abs(ago - periods))) for periods in (2.0, 1.0, 0.0)]
         # The number of releases in a period is unknown: the nearest release may be another one.

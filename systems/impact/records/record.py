@@ -100,21 +100,22 @@ def twin_errors(
         if count > batch_size(system):
             bar = stack.enter_context(late_bar("error", "impact", count))
         for batch in batches:
-            worst = 2.0**-52 * abs(batch.states / units).max(axis=1, initial=0.0)
+            states = batch.states
+            worst = 2.0**-52 * abs(states / units).max(axis=1, initial=0.0)
             for twin in twins:
-                _compare(batch, twin, units, worst)
+                _compare(batch, states, twin, units, worst)
             yield system._margin * worst
             if bar is not None:
                 bar.update(len(batch))
 
 
-def _compare(batch: ImpactRecord, twin: Any, units: Array, worst: Array) -> None:
+def _compare(batch: ImpactRecord, states: Array, twin: Any, units: Array, worst: Array) -> None:
     """Advance a twin by the batch's impacts; update the largest distances (n,) in place."""
     # A twin that has ended has no further impacts.
     more = len(batch) if twin.ending is Ending.COUNT_REACHED else 0
     system, log = batch.system, twin.advance(more, store=True)
     other, k = ImpactRecord(system, batch._run.holding(log)), len(log.time)
-    gap = abs(system.difference(other.states, batch.states[:k]) / units).max(axis=1, initial=0.0)
+    gap = abs(system.difference(other.states, states[:k]) / units).max(axis=1, initial=0.0)
     # Phases that differ by whole turns compare as equal; times do not.
     late = abs(other.time - batch.time[:k]) - 2.0**-51 * batch.time[:k]
     if not system._cycled:

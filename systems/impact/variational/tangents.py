@@ -116,7 +116,8 @@ def returned(oscillator: DrivenStructure, run: Trajectory, impacts: Sequence[int
 
     d = oscillator.dimension
     steps = steps_of(oscillator, run, slice(impacts[0] + 1, impacts[-1] + 1))
-    ends = np.append(steps.first, len(steps.which))[np.array(impacts) - impacts[0]].tolist()
+    first = [*steps.first.tolist(), len(steps.which)]
+    ends = [first[k - impacts[0]] for k in impacts]
     frames, none = np.zeros((len(impacts) - 1, d, d)) + np.eye(d), np.empty((0, d))
     for frame, begin, end in zip(frames, ends, ends[1:], strict=False):
         more: Any = frame, np.empty(d), none
@@ -227,9 +228,10 @@ def _between(oscillator: DrivenStructure, run: Trajectory, now: slice) -> Any:
 
     Contacts are given by their slice, the numbers of the flights after them, and their durations.
     """
-    some = slice(*np.searchsorted(run.before[: run.ended], [now.start, now.stop]))
     flights, held = run.durations
-    before = run.before[some] - now.start
+    before = run.before[: len(held)]
+    some = slice(*np.searchsorted(before, (now.start, now.stop))) if len(held) else slice(0)
+    before = before[some] - now.start
     return (
         *(free_motion(oscillator._contact), flights[now], some, before, held[some]),
         *_jumps(oscillator, run, now),
@@ -258,10 +260,10 @@ def _jumps(oscillator: DrivenStructure, run: Trajectory, now: slice) -> tuple[Ar
     rates, bends = before_impacts(oscillator, run, now)
     rates = np.minimum(rates, 0.0)
     r, slope = rebound(oscillator.restitution, rates)
-    numbers = saltation(slope, rates, bends)
-    pushed = np.where(rates < 0.0, -(1.0 + r), 0.0)
-    lost = np.where((rates < 0.0) & ((r == 0.0) | (slope == 0.0)), 1, 0)
-    return np.column_stack([numbers, pushed]), lost
+    jumps, hit = np.empty((len(rates), 3)), rates < 0.0
+    jumps[:, :2], jumps[:, 2] = saltation(slope, rates, bends), -(1.0 + r) * hit
+    lost = hit & ((r == 0.0) | (slope == 0.0))
+    return jumps, lost.astype(np.intp)
 
 
 def before_impacts(
