@@ -229,6 +229,34 @@ def test_random_maps_have_their_coefficients_within_the_errors(seed: int, angle:
     assert criticality.stable == supercritical
 
 
+@dataclass(frozen=True)
+class Rounded(Map):
+    """-(1 + growth) x + x^2 + x^3, whose derivative has rounding errors up to 1e-12."""
+
+    growth: float
+    seed: int
+    dimension = 1
+
+    def __call__(self, state: Array) -> Array:
+        x = finite_array("state", state, (1,))
+        return np.asarray(-(1.0 + self.growth) * x + x**2 + x**3)
+
+    def jacobian(self, state: Array) -> Array:
+        x = finite_array("state", state, (1,))
+        random = np.random.default_rng([self.seed, int(x.view(np.uint64)[0])])
+        rounding = 1e-12 * random.uniform(-1.0, 1.0, 1)
+        return np.diag(-(1.0 + self.growth) + 2.0 * x + 3.0 * x**2 + rounding)
+
+
+@pytest.mark.parametrize("seed", range(20))
+def test_rounding_of_derivatives_is_within_the_error_and_costs_few_digits(seed: int) -> None:
+    """c = (f''/2)^2 + f'''/6 = 2."""
+    start = periodic_orbit(Rounded(-0.1, seed), [0.0])
+    (doubling,) = of_kind(continue_orbit(start, "growth", bounds=(-0.12, 0.05)), "PD")
+    found, unit = known(doubling), float(doubling.direction[0]) ** 2
+    assert abs(found.coefficient / unit - 2.0) <= found.error / unit < 2e-8
+
+
 # --- where nothing is certain ---------------------------------------------------------------------
 
 

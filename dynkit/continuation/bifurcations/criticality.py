@@ -6,6 +6,7 @@ import time
 from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import dataclass, field
+from functools import cache
 from typing import Any, ClassVar, TypeAlias, final
 
 import numpy as np
@@ -23,8 +24,9 @@ from dynkit.orbits.newton import ROUNDING
 from dynkit.orbits.problem import PeriodicProblem
 from dynkit.orbits.spectrum import Spectrum
 
-# First step of differences, in scaled unknowns.
-_FIRST = 0.1
+# First step of differences, in scaled unknowns. Numbers at the last _SMALLEST steps differ by
+# rounding alone: _SCATTER times the largest difference bounds it.
+_FIRST, _SMALLEST, _SCATTER = 0.1, 5, 4.0
 # _MARGIN is the safety factor of errors that are estimated by trials; _DERIVATIVES is the error of
 # second derivatives, in units of the accuracy of the map.
 _MARGIN, _DERIVATIVES = 4.0, 1e3
@@ -199,7 +201,7 @@ def fold(place: Place, y: Array, accuracy: float) -> tuple[float, float] | None:
         by_value = _slope(lambda mu: problem.pencil(x, p, mu * unit), neutral, 1.0, h)
         return float(-0.5 * unit * (left @ first @ way) / (left @ by_value @ way))
 
-    return _limit(coefficient, accuracy, unit)
+    return _limit(coefficient, 1, accuracy, unit)
 
 
 def flip(place: Place, y: Array, accuracy: float) -> tuple[float, float] | None:
@@ -219,7 +221,7 @@ def flip(place: Place, y: Array, accuracy: float) -> tuple[float, float] | None:
         cubic = left @ (second @ way / 6.0 + first @ mean)
         return float(0.5 * cubic / (left @ by_value @ way))
 
-    return _limit(coefficient, accuracy, 1.0)
+    return _limit(coefficient, 2, accuracy, 1.0)
 
 
 def _left(problem: Problem, x: Array, p: Array, value: complex) -> Any:
@@ -256,7 +258,7 @@ def _unstable_side(place: Place, value: complex) -> int:
 
 
 def _sign(estimate: Callable[[float], float]) -> int:
-    number, error = _limit(estimate, ROUNDING, 1.0)
+    number, error = _limit(estimate, 1, ROUNDING, 1.0)
     return int(np.sign(number)) if abs(number) > error else 0
 
 
@@ -298,7 +300,7 @@ def rotation(place: Place, y: Array, accuracy: float) -> tuple[float, float] | N
         number = 0.5 * (adjoint @ cubic)
         return float((number / value if returns else number).real)
 
-    return _limit(coefficient, accuracy, abs(value) / size**2)
+    return _limit(coefficient, 2, accuracy, abs(value) / size**2)
 
 
 def _velocity(problem: Problem, y: Array) -> tuple[Callable[[Array], Array], Array]:
@@ -329,22 +331,31 @@ def _both(
     return (ahead - behind) / (2.0 * h), (ahead - 2.0 * here + behind) / h**2
 
 
-def _limit(estimate: Callable[[float], float], accuracy: float, unit: float) -> tuple[float, float]:
+def _limit(
+    estimate: Callable[[float], float], order: int, accuracy: float, unit: float
+) -> tuple[float, float]:
     """Return the limit of an even function of the step at step zero, and its error.
 
-    The unit is a typical size of the function.
+    The function consists of differences of an order, and the unit is a typical size of what they
+    are differences of. Its rounding error is measured: it grows in solutions of linear systems.
     """
 
-    def row(h: float) -> tuple[Array, Array, float]:
-        number = np.nan
+    @cache
+    def number(h: float) -> float:
         with suppress(NoMotion), np.errstate(all="ignore"):
-            number = estimate(h)
-        return np.array([number]), np.zeros(1), h**2
+            return estimate(h)
+        return np.nan
+
+    def row(h: float) -> tuple[Array, Array, float]:
+        return np.array([number(h)]), np.zeros(1), h**order
 
     # second differences at smaller steps are dominated by rounding
     count = int(np.log2(accuracy ** (-1.0 / 3.0)))
     steps = _FIRST / 2.0 ** np.arange(count)
-    found, error = extrapolated(map(row, steps.tolist()), 4.0, accuracy * unit)
+    last = steps[-_SMALLEST:]
+    scatter = abs(np.diff([number(h) for h in last.tolist()])) * last[1:] ** order
+    noise = _SCATTER * np.fmax.reduce(scatter, initial=accuracy * unit)
+    found, error = extrapolated(map(row, steps.tolist()), 4.0, noise)
     if not np.isfinite(found[0]):
         return np.nan, np.inf
     wrong = _MARGIN * error[0] + _DERIVATIVES * accuracy * abs(found[0])
