@@ -257,6 +257,36 @@ def test_rounding_of_derivatives_is_within_the_error_and_costs_few_digits(seed: 
     assert abs(found.coefficient / unit - 2.0) <= found.error / unit < 2e-8
 
 
+@dataclass(frozen=True)
+class Bent(Map):
+    """g - (1 + growth/2) w + 100 w^2 with w = x - g, where the fixed point g is on a parabola."""
+
+    growth: float
+    dimension = 1
+
+    def away(self, state: Array) -> Array:
+        return finite_array("state", state, (1,)) - (self.growth + 5.0 * self.growth**2)
+
+    def __call__(self, state: Array) -> Array:
+        w = self.away(state)
+        return np.asarray(state - w - (1.0 + 0.5 * self.growth) * w + 100.0 * w**2)
+
+    def jacobian(self, state: Array) -> Array:
+        return np.diag(200.0 * self.away(state) - 1.0 - 0.5 * self.growth)
+
+
+@pytest.mark.parametrize("growth", [-0.14, -0.125, -0.1, -0.09])
+def test_orbits_are_born_beyond_the_doubling_of_a_bent_branch(growth: float) -> None:
+    """The multiplier is -1 - growth / 2, and along chords it changes with their slope as well."""
+    start = periodic_orbit(Bent(growth), [growth + 5.0 * growth**2])
+    branch = continue_orbit(start, "growth", bounds=(-0.2, 0.2))
+    (doubling,) = of_kind(branch, "PD")
+    (born,) = doubling.switch()
+    assert (born.system.growth > doubling.value, born.stable) == (True, True)
+    found = known(doubling)
+    assert (found.side, found.supercritical, found.stable) == (1, True, True)
+
+
 # --- where nothing is certain ---------------------------------------------------------------------
 
 

@@ -12,7 +12,8 @@ from typing import Any, ClassVar, TypeAlias, final
 import numpy as np
 from scipy.linalg import eig
 
-from dynkit.continuation.bifurcations.switching import Place
+from dynkit.continuation.bifurcations.switching import Place, width_of
+from dynkit.continuation.orbit_equations import OrbitEquations
 from dynkit.core.cost import Cost
 from dynkit.core.differences import extrapolated
 from dynkit.core.no_motion import NoMotion
@@ -247,14 +248,18 @@ def _unstable_side(place: Place, value: complex) -> int:
     """Return the side, 1 or -1, on which the critical multiplier or eigenvalue is unstable."""
     problem, y, way = place.problem, place.y, place.direction
     left = _left(problem, y[:-1], y[-1:], value)
+    equations = OrbitEquations(problem, width_of(place))
+    scale = equations.scale(y)
+    # the tangent of the place is a chord, along which a critical multiplier may change otherwise
+    tangent = np.linalg.svd(equations.jacobian(y) * scale)[2][-1] * scale
 
     def growth(h: float) -> float:
-        first = _slope(lambda z: problem.pencil(z[:-1], z[-1:], value), y, place.tangent, h)
+        first = _slope(lambda z: problem.pencil(z[:-1], z[-1:], value), y, tangent, h)
         by_value = _slope(lambda mu: problem.pencil(y[:-1], y[-1:], mu * value), 1.0, 1.0, h)
         speed = -(left @ first @ way) / (left @ by_value @ way)  # in units of the value
         return float((speed if problem.stability.periodic else speed * value / abs(value)).real)
 
-    return _sign(growth) * int(np.sign(place.tangent[-1]))
+    return _sign(growth) * int(np.sign(tangent[-1]))
 
 
 def _sign(estimate: Callable[[float], float]) -> int:
