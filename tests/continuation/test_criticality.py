@@ -65,6 +65,26 @@ def test_the_torus_of_the_delayed_logistic_map() -> None:
     assert (found.supercritical, found.stable, found.side) == (True, True, 1)
 
 
+@dataclass(frozen=True)
+class Rough(DelayedLogistic):
+    """The delayed logistic map as if its values had errors of 1e-7."""
+
+    @property
+    def accuracy(self) -> float:
+        return 1e-7
+
+
+def test_a_torus_whose_place_has_six_digits_has_its_criticality() -> None:
+    branch = continue_orbit(
+        periodic_orbit(Rough(rate=1.8), [0.45, 0.45]), "rate", bounds=(1.5, 2.5)
+    )
+    (torus,) = of_kind(branch, "NS")
+    assert torus.error > 1e-6
+    found = known(torus)
+    assert abs(found.coefficient + 1.0) <= found.error < 1e-2
+    assert (found.supercritical, found.stable, found.side) == (True, True, 1)
+
+
 @dataclass(frozen=True, kw_only=True)
 class Rest(SymbolicFlow):
     """A fold at force 0 in any unit of time and of the force."""

@@ -286,7 +286,8 @@ def rotation(place: Place, y: Array, accuracy: float) -> tuple[float, float] | N
     found: Any = eig(here, left=True)
     values, lefts, rights = found
     k = int(np.argmin(abs(values - value)))
-    if not _equal(values, value, problem.stability)[k]:
+    # beside the place, within its error, the critical multiplier may differ by more
+    if y is place.y and not _equal(values, value, problem.stability)[k]:
         return None  # the orbit is inadmissible, or the return map is that of another orbit
     q, adjoint = rights[:, k], lefts[:, k].conj()
     adjoint = adjoint / (adjoint @ q)
