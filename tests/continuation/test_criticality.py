@@ -65,6 +65,26 @@ def test_the_torus_of_the_delayed_logistic_map() -> None:
     assert (found.supercritical, found.stable, found.side) == (True, True, 1)
 
 
+@dataclass(frozen=True)
+class Rough(DelayedLogistic):
+    """The delayed logistic map as if its values had errors of 1e-7."""
+
+    @property
+    def accuracy(self) -> float:
+        return 1e-7
+
+
+def test_a_torus_whose_place_has_six_digits_has_its_criticality() -> None:
+    branch = continue_orbit(
+        periodic_orbit(Rough(rate=1.8), [0.45, 0.45]), "rate", bounds=(1.5, 2.5)
+    )
+    (torus,) = of_kind(branch, "NS")
+    assert torus.error > 1e-6
+    found = known(torus)
+    assert abs(found.coefficient + 1.0) <= found.error < 1e-2
+    assert (found.supercritical, found.stable, found.side) == (True, True, 1)
+
+
 @dataclass(frozen=True, kw_only=True)
 class Rest(SymbolicFlow):
     """A fold at force 0 in any unit of time and of the force."""
@@ -227,6 +247,64 @@ def test_random_maps_have_their_coefficients_within_the_errors(seed: int, angle:
     assert criticality.supercritical == supercritical
     assert criticality.side == (1 if supercritical else -1)
     assert criticality.stable == supercritical
+
+
+@dataclass(frozen=True)
+class Rounded(Map):
+    """-(1 + growth) x + x^2 + x^3, whose derivative has rounding errors up to 1e-12."""
+
+    growth: float
+    seed: int
+    dimension = 1
+
+    def __call__(self, state: Array) -> Array:
+        x = finite_array("state", state, (1,))
+        return np.asarray(-(1.0 + self.growth) * x + x**2 + x**3)
+
+    def jacobian(self, state: Array) -> Array:
+        x = finite_array("state", state, (1,))
+        random = np.random.default_rng([self.seed, int(x.view(np.uint64)[0])])
+        rounding = 1e-12 * random.uniform(-1.0, 1.0, 1)
+        return np.diag(-(1.0 + self.growth) + 2.0 * x + 3.0 * x**2 + rounding)
+
+
+@pytest.mark.parametrize("seed", range(20))
+def test_rounding_of_derivatives_is_within_the_error_and_costs_few_digits(seed: int) -> None:
+    """c = (f''/2)^2 + f'''/6 = 2."""
+    start = periodic_orbit(Rounded(-0.1, seed), [0.0])
+    (doubling,) = of_kind(continue_orbit(start, "growth", bounds=(-0.12, 0.05)), "PD")
+    found, unit = known(doubling), float(doubling.direction[0]) ** 2
+    assert abs(found.coefficient / unit - 2.0) <= found.error / unit < 2e-8
+
+
+@dataclass(frozen=True)
+class Bent(Map):
+    """g - (1 + growth/2) w + 100 w^2 with w = x - g, where the fixed point g is on a parabola."""
+
+    growth: float
+    dimension = 1
+
+    def away(self, state: Array) -> Array:
+        return finite_array("state", state, (1,)) - (self.growth + 5.0 * self.growth**2)
+
+    def __call__(self, state: Array) -> Array:
+        w = self.away(state)
+        return np.asarray(state - w - (1.0 + 0.5 * self.growth) * w + 100.0 * w**2)
+
+    def jacobian(self, state: Array) -> Array:
+        return np.diag(200.0 * self.away(state) - 1.0 - 0.5 * self.growth)
+
+
+@pytest.mark.parametrize("growth", [-0.14, -0.125, -0.1, -0.09])
+def test_orbits_are_born_beyond_the_doubling_of_a_bent_branch(growth: float) -> None:
+    """The multiplier is -1 - growth / 2, and along chords it changes with their slope as well."""
+    start = periodic_orbit(Bent(growth), [growth + 5.0 * growth**2])
+    branch = continue_orbit(start, "growth", bounds=(-0.2, 0.2))
+    (doubling,) = of_kind(branch, "PD")
+    (born,) = doubling.switch()
+    assert (born.system.growth > doubling.value, born.stable) == (True, True)
+    found = known(doubling)
+    assert (found.side, found.supercritical, found.stable) == (1, True, True)
 
 
 # --- where nothing is certain ---------------------------------------------------------------------

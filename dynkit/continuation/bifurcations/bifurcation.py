@@ -101,7 +101,8 @@ class Bifurcation(Tabled):
     own_error : (e,) array
         To first order bounds on the errors of `own`.
     tangent : (m + 1,) array
-        Direction of the branch, of unit length in scaled unknowns, the parameter last.
+        Direction of the branch, as a chord between points beside the bifurcation, of unit length in
+        scaled unknowns, the parameter last.
     event : int
         Index of the problem's event; -1 at SN, BP, PD, NS, RS and HB.
     admissible : bool

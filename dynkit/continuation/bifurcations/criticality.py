@@ -6,12 +6,14 @@ import time
 from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import dataclass, field
+from functools import cache
 from typing import Any, ClassVar, TypeAlias, final
 
 import numpy as np
 from scipy.linalg import eig
 
-from dynkit.continuation.bifurcations.switching import Place
+from dynkit.continuation.bifurcations.switching import Place, width_of
+from dynkit.continuation.orbit_equations import OrbitEquations
 from dynkit.core.cost import Cost
 from dynkit.core.differences import extrapolated
 from dynkit.core.no_motion import NoMotion
@@ -23,8 +25,9 @@ from dynkit.orbits.newton import ROUNDING
 from dynkit.orbits.problem import PeriodicProblem
 from dynkit.orbits.spectrum import Spectrum
 
-# First step of differences, in scaled unknowns.
-_FIRST = 0.1
+# First step of differences, in scaled unknowns. Numbers at the last _SMALLEST steps differ by
+# rounding alone: _SCATTER times the largest difference bounds it.
+_FIRST, _SMALLEST, _SCATTER = 0.1, 5, 4.0
 # _MARGIN is the safety factor of errors that are estimated by trials; _DERIVATIVES is the error of
 # second derivatives, in units of the accuracy of the map.
 _MARGIN, _DERIVATIVES = 4.0, 1e3
@@ -199,7 +202,7 @@ def fold(place: Place, y: Array, accuracy: float) -> tuple[float, float] | None:
         by_value = _slope(lambda mu: problem.pencil(x, p, mu * unit), neutral, 1.0, h)
         return float(-0.5 * unit * (left @ first @ way) / (left @ by_value @ way))
 
-    return _limit(coefficient, accuracy, unit)
+    return _limit(coefficient, 1, accuracy, unit)
 
 
 def flip(place: Place, y: Array, accuracy: float) -> tuple[float, float] | None:
@@ -219,7 +222,7 @@ def flip(place: Place, y: Array, accuracy: float) -> tuple[float, float] | None:
         cubic = left @ (second @ way / 6.0 + first @ mean)
         return float(0.5 * cubic / (left @ by_value @ way))
 
-    return _limit(coefficient, accuracy, 1.0)
+    return _limit(coefficient, 2, accuracy, 1.0)
 
 
 def _left(problem: Problem, x: Array, p: Array, value: complex) -> Any:
@@ -245,18 +248,22 @@ def _unstable_side(place: Place, value: complex) -> int:
     """Return the side, 1 or -1, on which the critical multiplier or eigenvalue is unstable."""
     problem, y, way = place.problem, place.y, place.direction
     left = _left(problem, y[:-1], y[-1:], value)
+    equations = OrbitEquations(problem, width_of(place))
+    scale = equations.scale(y)
+    # the tangent of the place is a chord, along which a critical multiplier may change otherwise
+    tangent = np.linalg.svd(equations.jacobian(y) * scale)[2][-1] * scale
 
     def growth(h: float) -> float:
-        first = _slope(lambda z: problem.pencil(z[:-1], z[-1:], value), y, place.tangent, h)
+        first = _slope(lambda z: problem.pencil(z[:-1], z[-1:], value), y, tangent, h)
         by_value = _slope(lambda mu: problem.pencil(y[:-1], y[-1:], mu * value), 1.0, 1.0, h)
         speed = -(left @ first @ way) / (left @ by_value @ way)  # in units of the value
         return float((speed if problem.stability.periodic else speed * value / abs(value)).real)
 
-    return _sign(growth) * int(np.sign(place.tangent[-1]))
+    return _sign(growth) * int(np.sign(tangent[-1]))
 
 
 def _sign(estimate: Callable[[float], float]) -> int:
-    number, error = _limit(estimate, ROUNDING, 1.0)
+    number, error = _limit(estimate, 1, ROUNDING, 1.0)
     return int(np.sign(number)) if abs(number) > error else 0
 
 
@@ -279,7 +286,8 @@ def rotation(place: Place, y: Array, accuracy: float) -> tuple[float, float] | N
     found: Any = eig(here, left=True)
     values, lefts, rights = found
     k = int(np.argmin(abs(values - value)))
-    if not _equal(values, value, problem.stability)[k]:
+    # beside the place, within its error, the critical multiplier may differ by more
+    if y is place.y and not _equal(values, value, problem.stability)[k]:
         return None  # the orbit is inadmissible, or the return map is that of another orbit
     q, adjoint = rights[:, k], lefts[:, k].conj()
     adjoint = adjoint / (adjoint @ q)
@@ -298,7 +306,7 @@ def rotation(place: Place, y: Array, accuracy: float) -> tuple[float, float] | N
         number = 0.5 * (adjoint @ cubic)
         return float((number / value if returns else number).real)
 
-    return _limit(coefficient, accuracy, abs(value) / size**2)
+    return _limit(coefficient, 2, accuracy, abs(value) / size**2)
 
 
 def _velocity(problem: Problem, y: Array) -> tuple[Callable[[Array], Array], Array]:
@@ -329,22 +337,31 @@ def _both(
     return (ahead - behind) / (2.0 * h), (ahead - 2.0 * here + behind) / h**2
 
 
-def _limit(estimate: Callable[[float], float], accuracy: float, unit: float) -> tuple[float, float]:
+def _limit(
+    estimate: Callable[[float], float], order: int, accuracy: float, unit: float
+) -> tuple[float, float]:
     """Return the limit of an even function of the step at step zero, and its error.
 
-    The unit is a typical size of the function.
+    The function consists of differences of an order, and the unit is a typical size of what they
+    are differences of. Its rounding error is measured: it grows in solutions of linear systems.
     """
 
-    def row(h: float) -> tuple[Array, Array, float]:
-        number = np.nan
+    @cache
+    def number(h: float) -> float:
         with suppress(NoMotion), np.errstate(all="ignore"):
-            number = estimate(h)
-        return np.array([number]), np.zeros(1), h**2
+            return estimate(h)
+        return np.nan
+
+    def row(h: float) -> tuple[Array, Array, float]:
+        return np.array([number(h)]), np.zeros(1), h**order
 
     # second differences at smaller steps are dominated by rounding
     count = int(np.log2(accuracy ** (-1.0 / 3.0)))
     steps = _FIRST / 2.0 ** np.arange(count)
-    found, error = extrapolated(map(row, steps.tolist()), 4.0, accuracy * unit)
+    last = steps[-_SMALLEST:]
+    scatter = abs(np.diff([number(h) for h in last.tolist()])) * last[1:] ** order
+    noise = _SCATTER * np.fmax.reduce(scatter, initial=accuracy * unit)
+    found, error = extrapolated(map(row, steps.tolist()), 4.0, noise)
     if not np.isfinite(found[0]):
         return np.nan, np.inf
     wrong = _MARGIN * error[0] + _DERIVATIVES * accuracy * abs(found[0])

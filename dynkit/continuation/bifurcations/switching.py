@@ -74,7 +74,7 @@ def doubled(place: Place) -> list[Any]:
     twice, start, along = problem.doubled(y[:-1], direction)
     errors = np.append(abs(problem.doubled(y[:-1], error[:-1])[2]), error[-1])
     begin = np.append(start, y[-1:])
-    orbit = _stepped(twice, begin, np.append(along, 0.0), errors, _width(place))
+    orbit = _stepped(twice, begin, np.append(along, 0.0), errors, width_of(place))
     if orbit.unknowns.size < len(start):
         raise NoConvergence("Newton's method found only the repeated orbit, not a doubled one")
     return [orbit]
@@ -83,7 +83,7 @@ def doubled(place: Place) -> list[Any]:
 def crossing(place: Place) -> list[Any]:
     """Return a near orbit on the branch that crosses at a BP."""
     problem, y, error, old = place.problem, place.y, place.error, place.tangent
-    width = _width(place)
+    width = width_of(place)
     equations = OrbitEquations(problem, width)
     scale = equations.scale(y)
     old = old / scale / np.linalg.norm(old / scale)
@@ -155,7 +155,7 @@ def born(place: Place) -> list[Any]:
     error = np.append(np.full(len(at), abs(place.error[:m]).max()), place.error[-1])
     try:
         begin, along = np.append(at, y[-1:]), np.append(direction, 0.0)
-        return [_stepped(problem, begin, along, error, _width(place))]
+        return [_stepped(problem, begin, along, error, width_of(place))]
     except NoConvergence as failure:
         away = abs(place.problem.spectrum(y[:m], y[-1:]) - 1j * place.own[0])
         if (away <= _SAME * abs(place.own[0])).sum() < 2:
@@ -185,7 +185,7 @@ def neighbours(place: Place) -> list[Any]:
     return list(found.values())
 
 
-def _width(place: Place) -> float:
+def width_of(place: Place) -> float:
     """Return the unit of the parameter on the branch, in which its tangent has unit length.
 
     Where the tangent hardly contains the parameter, it is the parameter's size, or one.
