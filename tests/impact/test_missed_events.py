@@ -225,3 +225,20 @@ def test_a_lifting_that_is_never_reported_is_named_within_long_flights(
     other = disguised(machine)
     with pytest.raises(CannotFollow, match="an event is missed"):
         other.simulate(impacts=1, start=other.state([0.3], [-0.5]))
+
+
+@pytest.mark.parametrize("preload", [0.0, 0.3])
+@pytest.mark.parametrize("damping", [0.0, 1.4])
+@pytest.mark.parametrize("row", [-1.2, -0.7])
+def test_a_hard_stop_at_the_place_of_a_soft_one_turns_its_gap_at_once(
+    row: float, damping: float, preload: float
+) -> None:
+    soft = SoftStop(0, stiffness=0.4, damping=damping, preload=preload)
+    both = HardStop((row,), side="below", restitution=0.8), soft
+    given: dict[str, Any] = {"M": [[1.0]], "C": [[0.1]], "K": [[1.0]], "harmonic_forces": [0.8]}
+    machine = MatrixOscillator(**given, frequency=1.2, elements=both)
+    other = disguised(machine)
+    exact, found = (
+        each.simulate(impacts=8, start=each.state([0.5], [-0.6])) for each in (machine, other)
+    )
+    assert found.time == pytest.approx(exact.time, abs=1e-10)

@@ -33,7 +33,10 @@ class Signs:
         self._watches = chart._pars[end - WATCHED * len(plan.guards) : end].reshape(-1, WATCHED)
         self._careful = plan.careful
         affine = (self._watches[:, [2, 5]] == 0.0).all(axis=1)
-        self._known, self._forces = np.flatnonzero(affine).tolist(), np.flatnonzero(~affine).tolist()
+        self._known, self._forces = (
+            np.flatnonzero(affine).tolist(),
+            np.flatnonzero(~affine).tolist(),
+        )
         self._places = {i: n for n, i in enumerate(self._known)}
         self._impacts = [self._places[i] for i in plan.impacts]
 
