@@ -460,8 +460,8 @@ class Chart:
         """The same coordinates, with events of gaps that become positive."""
         ways = (self.to_x, self.to_v), (self.back_x, self.back_v)
         plan = replace(self.plan, careful=True)
-        own = self._joints, self._events, self.watched
-        return Chart(plan, self.scene, self._pars, *ways, *own)
+        joints, events = self._joints, self._events
+        return Chart(plan, self.scene, self._pars, *ways, joints, events, self.watched)
 
     def _again(
         self,
