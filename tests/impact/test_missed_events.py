@@ -139,13 +139,23 @@ CHANGES: dict[str, tuple[int, list[Any]]] = {
 }
 """Elements, and the number of an event after which a guard is negative at the end of a flight."""
 
+PRESSED = DRIVEN | {"constant_forces": [0.0, -0.6]}
+STOP = HardStop(1, offset=-0.1, restitution=0.0, name="stop")
+FORCES: dict[str, tuple[int, list[Any]]] = {
+    "sticking": (1, [FRICTION]),
+    "sticking on a belt": (1, [DryFriction(0, force=0.3, static=0.5, velocity=0.3)]),
+    "masses that stick together": (2, [DryFriction((0, 1), force=0.2, static=0.25)]),
+    "contact force": (4, [STOP, DryFriction(0, coefficient=0.4, normal="stop")]),
+}
+"""The same for guards that contain forces, with constant forces."""
 
-@pytest.mark.parametrize("name", CHANGES)
+
+@pytest.mark.parametrize("name", [*CHANGES, *FORCES])
 def test_changes_of_regimes_that_are_not_reported_are_found(
     name: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    after, elements = CHANGES[name]
-    machine = MatrixOscillator(**DRIVEN, elements=elements)
+    after, elements = (CHANGES | FORCES)[name]
+    machine = MatrixOscillator(**(DRIVEN if name in CHANGES else PRESSED), elements=elements)
     start = [0.3, 0.6], [0.2, 0.1]
     exact = machine.simulate(impacts=8, start=machine.state(*start))
     drops = dropping(monkeypatch, 1, after)
@@ -204,3 +214,31 @@ def test_impacts_soon_after_a_start_on_two_stops_are_not_missed(
     ]
     assert (records[1].element == records[0].element).all()
     assert records[1].time == pytest.approx(records[0].time, abs=1e-13)
+
+
+def test_a_lifting_that_is_never_reported_is_named_within_long_flights(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    far, soft = HardStop(0, offset=-50.0), SoftStop(0, offset=-0.2, stiffness=5.0, preload=5.0)
+    machine = MatrixOscillator(M=[[1.0]], C=[[0.3]], K=[[1.0]], frequency=1.0, elements=[far, soft])
+    dropping(monkeypatch, 100, 1)
+    other = disguised(machine)
+    with pytest.raises(CannotFollow, match="an event is missed"):
+        other.simulate(impacts=1, start=other.state([0.3], [-0.5]))
+
+
+@pytest.mark.parametrize("preload", [0.0, 0.3])
+@pytest.mark.parametrize("damping", [0.0, 1.4])
+@pytest.mark.parametrize("row", [-1.2, -0.7])
+def test_a_hard_stop_at_the_place_of_a_soft_one_turns_its_gap_at_once(
+    row: float, damping: float, preload: float
+) -> None:
+    soft = SoftStop(0, stiffness=0.4, damping=damping, preload=preload)
+    both = HardStop((row,), side="below", restitution=0.8), soft
+    given: dict[str, Any] = {"M": [[1.0]], "C": [[0.1]], "K": [[1.0]], "harmonic_forces": [0.8]}
+    machine = MatrixOscillator(**given, frequency=1.2, elements=both)
+    other = disguised(machine)
+    exact, found = (
+        each.simulate(impacts=8, start=each.state([0.5], [-0.6])) for each in (machine, other)
+    )
+    assert found.time == pytest.approx(exact.time, abs=1e-10)

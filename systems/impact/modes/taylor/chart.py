@@ -210,6 +210,8 @@ class Chart:
         velocities, in the second half, by the numbers of elements.
     springs : dict
         Places of the springs of sliders in the first half, by the numbers of elements.
+    watched : callable
+        Value and rounding error of a guard of the mode, from its number and a motion.
     """
 
     def __init__(
@@ -221,8 +223,9 @@ class Chart:
         back: tuple[Array, Array],
         joints: Array,
         events: tuple[int, ...],
+        watched: Callable[..., tuple[float, float]],
     ) -> None:
-        self.plan, self.scene, self._pars = plan, scene, pars
+        self.plan, self.scene, self._pars, self.watched = plan, scene, pars, watched
         self.to_x, self.to_v = to
         self.back_x, self.back_v = back
         self._size, self._joints, self._events = len(self.to_v), joints, events
@@ -423,12 +426,13 @@ class Chart:
                 z[:] = self._z_of
                 return self._events[-1 - number], made.time, steps
             z_end, time = self._z_of, made.time
-            if number == time_limit:
+            if number == time_limit and len(stations) > 1:
                 stations.pop(0)
-                if stations:
-                    continue
-                if guards and self._signs.amiss(z, sine, cosine):
-                    return self._again(z, sine, cosine, longest, pace, early)
+                continue
+            ended = number in (time_limit, step_limit) and guards
+            if ended and self._signs.amiss(z, sine, cosine):
+                return self._again(z, sine, cosine, longest, pace, early)
+            if number == time_limit:
                 return -1, time, steps
             if number >= -guards - len(guarded):
                 if self._signs.rises(-1 - guards - number, z, sine, cosine):
@@ -456,7 +460,8 @@ class Chart:
         """The same coordinates, with events of gaps that become positive."""
         ways = (self.to_x, self.to_v), (self.back_x, self.back_v)
         plan = replace(self.plan, careful=True)
-        return Chart(plan, self.scene, self._pars, *ways, self._joints, self._events)
+        joints, events = self._joints, self._events
+        return Chart(plan, self.scene, self._pars, *ways, joints, events, self.watched)
 
     def _again(
         self,

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import Any, final
 
 import numpy as np
@@ -37,8 +37,9 @@ class Charts:
         grips: tuple[tuple[int, ...], tuple[int, ...]],
         guards: Sequence[tuple[int, Watch]],
         slips: Sequence[tuple[int, int, float]],
+        watched: Callable[..., tuple[float, float]],
     ) -> None:
-        self._scene, self._regimes, self._slips = scene, regimes, slips
+        self._scene, self._regimes, self._slips, self._watched = scene, regimes, slips, watched
         self._held, self._sticking = grips
         self._guards: list[tuple[int, Watch | None]] = []
         self._events: list[int] = []
@@ -114,8 +115,7 @@ class Charts:
         pars = np.concatenate([head, scene.motion.numbers, *of_curves, flat])
         whole = self._with_sliders(to[0], back[0])
         ways = (whole[0], to[1]), (whole[1], back[1])
-        events = tuple(self._events)
-        return Chart(plan, scene, pars, *ways, joints, events)
+        return Chart(plan, scene, pars, *ways, joints, tuple(self._events), self._watched)
 
     def _with_sliders(self, to: Array, back: Array) -> tuple[Array, Array]:
         """Matrices (N + J, N + J) from positions, with those of sliders, to stretches, and back."""
@@ -167,13 +167,13 @@ class Charts:
         else:
             groups.append((np.array([t for *_, t in self._slips]), True))
         yields = dict(zip(scene.sliders, joints.tolist(), strict=True))
-        watches = [_watched(watch, yields.get(k)) for k, watch in self._guards]
+        watches = [_coefficients(watch, yields.get(k)) for k, watch in self._guards]
         slides = np.array([k in scene.sliders for k, _ in self._guards], dtype=bool)
         vary = np.outer(slides, (False, True, False, True, True, False))
         return [*groups, (np.array(watches).reshape(-1, 6), vary)]
 
 
-def _watched(watch: Watch | None, joint: Sequence[float] | None) -> tuple[float, ...]:
+def _coefficients(watch: Watch | None, joint: Sequence[float] | None) -> tuple[float, ...]:
     """Coefficients of a guard: gap, rate, force, level, remaining stretch, normal force."""
     if watch is None:
         return _NEVER

@@ -75,7 +75,7 @@ class TaylorMode:
         p = self.size = n + len(scene.sliders)
         self.layout = Layout(np.arange(p), p, -1, p + 1, p + 1)
         ending = self.guards[: self.events]
-        self._charts = Charts(scene, self.regimes, grips, ending, self.slips)
+        self._charts = Charts(scene, self.regimes, grips, ending, self.slips, self._watched)
         self._slides = [self.regimes[k].stretch for k in scene.sliders]
 
     @property
@@ -276,6 +276,10 @@ class TaylorMode:
                 abs(given).sum() + abs(pushes).sum()
             )
         return float(value), ROUNDING * size
+
+    def _watched(self, number: int, *motion: Any) -> tuple[float, float]:
+        """As `watched`, from positions, velocities, sine and cosine."""
+        return self.watched(number, self.state(*motion))
 
     def rate_row(self, k: int, state: Array) -> Array:
         """Derivative (2 N + J + 1,) of the rate of an element's gap, see `flow` for the order."""

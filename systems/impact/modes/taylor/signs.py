@@ -1,7 +1,8 @@
-"""Guards during a flight by Taylor's method, which are never negative: gaps, slips, stretches."""
+"""Guards during a flight by Taylor's method, which are never negative."""
 
 from __future__ import annotations
 
+import math
 from typing import Any, final
 
 import numpy as np
@@ -19,9 +20,10 @@ _BACK = 0.5 ** np.arange(40)
 
 @final
 class Signs:
-    """Signs of the guards of a `Chart` that depend on gaps, rates and stretches, not on forces.
+    """Signs of the guards of a `Chart` at the end of a flight.
 
-    The guards are affine functions of the state of its integrator.
+    Guards that depend on gaps, rates and stretches alone are affine functions of the state of the
+    integrator. Those with forces, and all rounding errors, are evaluated by the mode.
     """
 
     def __init__(self, chart: Any) -> None:
@@ -30,8 +32,12 @@ class Signs:
         end = plan.size
         self._watches = chart._pars[end - WATCHED * len(plan.guards) : end].reshape(-1, WATCHED)
         self._careful = plan.careful
-        known = np.flatnonzero((self._watches[:, [2, 5]] == 0.0).all(axis=1)).tolist()
-        self._known, self._places = known, {i: n for n, i in enumerate(known)}
+        affine = (self._watches[:, [2, 5]] == 0.0).all(axis=1)
+        self._known, self._forces = (
+            np.flatnonzero(affine).tolist(),
+            np.flatnonzero(~affine).tolist(),
+        )
+        self._places = {i: n for n, i in enumerate(self._known)}
         self._impacts = [self._places[i] for i in plan.impacts]
 
     @cached_property
@@ -65,19 +71,28 @@ class Signs:
         x, v = self._chart.motion(state[: 2 * self._half], *turn)
         return x[: len(v)], v, *turn
 
-    def _least(self, z: Array, sine: float, cosine: float) -> Array:
-        """Guards (m,) above these are zero by rounding, or as they were at coordinates (M,)."""
-        begin = np.append(z, (sine, cosine) if len(self._state) > len(z) else ())
-        (rows, starts), (x, v, *_) = self._lines, self._motion(begin)
-        scene, out = self._chart.scene, np.asarray(rows @ begin + starts)
-        frequency, along = scene.excitation.frequency, abs(scene.rows_at(x))
-        for n, i in enumerate(self._known):
-            k, (gap, rate, _, level, stretch, _) = self._chart.plan.guards[i], abs(self._watches[i])
-            element, swing = scene.elements[k], scene.elements[k].amplitude
-            size = level + (gap + stretch) * (along[k] @ abs(x) + abs(element.offset) + swing)
-            size += rate * (along[k] @ abs(v) + abs(element.drift) + frequency * swing)
-            out[n] = 2.0 * min(-ROUNDING * float(size), float(out[n]))
-        return out
+    def _watched(self, i: int, z: Array, sine: float, cosine: float) -> tuple[float, float]:
+        """Value of a guard at coordinates (M,), and its rounding error."""
+        number, motion = self._chart._events[i], self._chart.motion(z, sine, cosine)
+        found: tuple[float, float] = self._chart.watched(number, *motion, sine, cosine)
+        return found
+
+    def _least(self, i: int, z: Array, sine: float, cosine: float, band: float = 0.0) -> float:
+        """A guard above this is zero by rounding, or as it was at coordinates (M,).
+
+        `band` is its rounding error elsewhere.
+        """
+        value, error = self._watched(i, z, sine, cosine)
+        return 2.0 * min(-error, -band, value)
+
+    def _falls(self, i: int, z: Array, sine: float, cosine: float) -> bool:
+        """Whether a guard is negative at the end of a flight, by more than rounding errors."""
+        made = self._chart.integrator
+        angle = float(self._chart._pars[1]) * float(made.time)
+        s, c = math.sin(angle), math.cos(angle)
+        turn = sine * c + cosine * s, cosine * c - sine * s
+        value, band = self._watched(i, self._state[: 2 * self._half], *turn)
+        return value < -band and value < self._least(i, z, sine, cosine, band)
 
     def amiss(self, z: Array, sine: float, cosine: float, hit: int = -1) -> bool:
         """Whether an event was missed in a flight from coordinates (M,) that ends at a guard.
@@ -91,11 +106,11 @@ class Signs:
         impact = hit in self._chart.plan.impacts
         if impact and not self._careful and not self._rate(self._chart.plan.guards[hit]) < 0.0:
             return True
-        if not (values < 0.0).any():
-            return False
-        if not self._careful and (values[self._impacts] < 0.0).any():
+        negative = np.flatnonzero(values < 0.0).tolist()
+        if not self._careful and not set(negative).isdisjoint(self._impacts):
             return True
-        return bool((values < self._least(z, sine, cosine)).any())
+        tested = [self._known[n] for n in negative] + [i for i in self._forces if i != hit]
+        return any(self._falls(i, z, sine, cosine) for i in tested)
 
     def _rate(self, k: int) -> float:
         """Rate of a gap."""
@@ -113,4 +128,4 @@ class Signs:
         times = float(made.last_h) * (1.0 - _BACK)
         powers = times ** np.arange(made.tc.shape[1])[:, None]
         values = self._lines[0][n] @ (made.tc @ powers) + self._lines[1][n]
-        return bool(values.min() < self._least(z, sine, cosine)[n])
+        return bool(values.min() < self._least(self._known[n], z, sine, cosine))

@@ -215,12 +215,9 @@ class Position:
     def _canonical(self, k: int) -> None:
         """Take the coordinates with which a simulation would begin from this state.
 
-        All other stops and sliders are in flight there. Element `k` was hit.
+        All other elements are in flight there. Element `k` was hit.
         """
-        for j, motion in enumerate(self._motion):
-            moves = j < len(self._oscillator._stops) or j in self._chart.springs
-            if j != k and motion != FLIGHT and moves:
-                self._motion[j] = FLIGHT
+        self._motion = [m if j == k else FLIGHT for j, m in enumerate(self._motion)]
         state = self._place()
         self._z = self._chart.coordinates(*state, *self._turn)
         self._mode.settled(self._chart, self._z)
