@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, fields, replace
+from numbers import Real
 from typing import Any, ClassVar, cast, final
 
 import numpy as np
@@ -93,7 +94,7 @@ class DrivenStructure(LagrangianStructure):
             self._compose()
         check_fields(self, frequency=positive, restitution=checked_restitution)
         check_fields(self, amplitude=non_negative, offset=finite_scalar)
-        if self.play != math.inf:
+        if not (isinstance(self.play, Real) and self.play == math.inf):
             check_fields(self, play=positive)
         one_of("side", self.side, ("above", "below"))
         check_fields(self, chatter_tolerance=non_negative)
