@@ -59,6 +59,10 @@ _OF_STOP = "restitution", "amplitude", "offset", "side"
 OF_TABLE = (*_OF_STOP, "contact", "play")
 """Parameters of the table; if there are elements, they are those of the first `HardStop`."""
 
+_MAGNIFIED = 10.0
+"""Amplitudes of the excitation in the length of a default start: a lightly damped structure
+responds with several of them."""
+
 
 @dataclass(frozen=True, kw_only=True)
 class DrivenStructure(LagrangianStructure):
@@ -289,21 +293,31 @@ class DrivenStructure(LagrangianStructure):
 
     @cached_property
     def _length(self) -> float:
-        """A characteristic length of the machine, in its unit of length; one if there is none.
+        """A characteristic length of the machine, in its unit of length; one if there is none."""
+        return self._longest(1.0)
 
-        It is the largest of these lengths. For each element along a row: offset, amplitude, travel
-        of its belt in one radian of the phase and stretch of its sliding spring, in sum, divided by
-        the largest entry of the row. For each coordinate: the displacement at which its spring and
-        its inertia at the frequency balance the sum of all forces.
+    @cached_property
+    def _start_length(self) -> float:
+        """Length of the default start, in which ten amplitudes of the excitation count."""
+        return self._longest(_MAGNIFIED)
+
+    def _longest(self, magnified: float) -> float:
+        """The largest length of the machine; one if there is none.
+
+        For each element along a row: offset, amplitude, travel of its belt in one radian of the
+        phase and stretch of its sliding spring, in sum, divided by the largest entry of the row.
+        For each coordinate: the displacement at which its spring and its inertia at the frequency
+        balance the sum of all forces. Amplitudes of stops and forces are multiplied by `magnified`.
         """
         w, given, n = self.frequency, self._excitation, self.degrees_of_freedom
-        forces, found = (abs(given.harmonic) + abs(given.constant))[:n], [0.0]
+        forces, found = (magnified * abs(given.harmonic) + abs(given.constant))[:n], [0.0]
         for element in self._elements:
             if element.curved:  # its function need not be a length
                 continue
             row = abs(element.row(n))
             stretch = max(abs(regime.stretch) for regime in element.regimes)
-            own = abs(element.offset) + element.amplitude + abs(element.drift) / w + stretch
+            own = abs(element.offset) + magnified * element.amplitude
+            own += abs(element.drift) / w + stretch
             found.append(own / float(row.max()))
             forces = forces + max(abs(regime.push) for regime in element.regimes) * row
         stiff = abs(self.stiffness.diagonal()) + w * w * self.mass.diagonal()
