@@ -1,5 +1,6 @@
 """Derivatives by extrapolated differences, for functions without an exact derivative."""
 
+import math
 from collections.abc import Callable, Iterable, Sequence
 from functools import cache
 from itertools import pairwise
@@ -40,8 +41,10 @@ _CORNER = 64.0
 # A jump below _ROUGH, relative to the values, counts as an error of the values. These errors are
 # judged from the steps after the first _SMALLER ones, over which smooth functions are straight.
 _ROUGH, _SMALLER = 1e-8, 20
-# A limit is compared with the quotient at the step after the next _FARTHER ones.
-_FARTHER = 6
+# A limit is compared with the quotient at the step after the next _FARTHER ones; a relative
+# difference below _TRUSTED is none. A number below _OWN of the scale may be that over which the
+# function varies: then the limit is also compared with every _SPARSE-th step from there on.
+_FARTHER, _OWN, _SPARSE, _TRUSTED = 6, 2.0**-6, 8, 1e-3
 
 _OR = ", or the values are less exact than their `accuracy`"
 
@@ -181,9 +184,9 @@ def numerical_derivative(
     NoMotion
         When the function is refused at the point itself.
     Refused
-        When there is no derivative. Then the function is refused at all steps on both sides, or its
-        differences do not converge. This happens at a jump, a sharp corner or the end of a square
-        root.
+        When the function is refused at all steps on both sides.
+    NoDerivative
+        When differences do not converge: at a jump, a sharp corner or the end of a square root.
 
     References
     ----------
@@ -197,7 +200,7 @@ def numerical_derivative(
     >>> numerical_derivative(abs, np.array([0.0]))
     Traceback (most recent call last):
     ...
-    dynkit.core.no_motion.Refused: there is no derivative by number 0 of [0.0]: differences do ...
+    dynkit.core.no_motion.NoDerivative: there is no derivative by number 0 of [0.0]: differences ...
     """
     center = np.asarray(function(point))
     size = float(max(np.abs(center).max(initial=0.0), np.abs(point).max(initial=least)))
@@ -219,7 +222,7 @@ def numerical_derivative(
                 off = np.maximum(off, quotients.corner(slope))
             settled = quotients.settled(slope, off, size)
         if not settled:
-            raise Refused(
+            raise NoDerivative(
                 f"there is no derivative by number {k} of {point.tolist()}: differences do not "
                 f"settle{_OR}"
             )
@@ -251,7 +254,9 @@ class _Quotients:
         self._value, self._scale, self._accuracy = value, scale, accuracy
         self._size, self._noise = size, accuracy * size
         first = scale * accuracy ** (1.0 / (_ORDER + 1))
-        self._steps = [first / 2.0**k for k in range(_HALVINGS)]
+        # the last step is as small beside the number as beside the scale
+        more = math.ceil(math.log2(max(scale / abs(value), 1.0))) if value else 0
+        self._steps = [first / 2.0**k for k in range(_HALVINGS + more)]
 
         @cache
         def change(step: float) -> tuple[Array, float]:
@@ -279,23 +284,27 @@ class _Quotients:
         return extrapolated(map(kind, self._steps), power, noise)
 
     def _confirmed(self, kind: _Quotient, power: float) -> tuple[Array, Array]:
-        """The limit of quotients, not contradicted by the quotient at a far smaller step.
+        """The limit of quotients, not contradicted by the quotients at far smaller steps.
 
-        At steps near multiples of its period, a function looks like another smooth function.
+        At steps near multiples of its period, a function looks like another smooth function. At
+        steps over many periods it looks straight.
         """
-        steps = iter(self._steps)
+        steps, wide = iter(self._steps), abs(self._value) < _OWN * self._scale
         best, error = extrapolated(map(kind, steps), power, self._noise)
         while best.any() and (left := list(steps)):
             left = left[min(_FARTHER, len(left) - 1) :]
-            there, _, width = kind(left[0])
-            off = abs(there - best)
-            doubt = error + _CORNER * self._noise / width + 0.1 * abs(best)
-            if not (off > doubt).any():
+            for step in left[::_SPARSE] if wide else left[:1]:
+                there, _, width = kind(step)
+                off = abs(there - best)
+                off[~(off > error + _CORNER * self._noise / width + _TRUSTED * abs(best))] = 0.0
+                if off.any():
+                    break
+            else:
                 break
             steps = iter(left)
             found, its_error = extrapolated(map(kind, steps), power, self._noise)
             if its_error.max(initial=0.0) > _CLEAR * abs(found).max(initial=0.0):
-                error = np.where(off > doubt, off, error)
+                error = np.where(off > 0.0, off, error)
                 break
             best, error = found, its_error
         return best, error
