@@ -41,6 +41,9 @@ _CORNER = 64.0
 # A jump below _ROUGH, relative to the values, counts as an error of the values. These errors are
 # judged from the steps after the first _SMALLER ones, over which smooth functions are straight.
 _ROUGH, _SMALLER = 1e-8, 20
+# Errors that show at the smallest steps are judged from the last _SMALLEST ones. Values are rounded
+# ones if this many changes in succession are multiples of the first.
+_SMALLEST, _MULTIPLES = 8, 5
 # A limit is compared with the quotient at the step after the next _FARTHER ones; a relative
 # difference below _TRUSTED is none. A number below _OWN of the scale may be that over which the
 # function varies: then the limit is also compared with every _SPARSE-th step from there on.
@@ -110,7 +113,6 @@ def parameter_difference(
     center = function(value)
     size = float(np.abs(center).max(initial=0.0))
     best, least, before = np.zeros(center.shape), np.full(center.shape, np.inf), np.inf
-    wanted = 100.0 * max(_ENOUGH, accuracy ** (_ORDER / (_ORDER + 1.0)))
     if not scales:
         scales = sorted({max(abs(value), 1.0), abs(value) or 1.0}, reverse=abs(value) >= _SMALL)
     for scale in scales:
@@ -121,7 +123,7 @@ def parameter_difference(
         better = np.where(apart, scale < before, error < least)
         best, least = np.where(better, found, best), np.where(better, error, least)
         before = scale
-        if least.max(initial=0.0) <= wanted * abs(best).max(initial=0.0):
+        if least.max(initial=0.0) <= _wanted(accuracy) * abs(best).max(initial=0.0):
             return best
     if quotients.jumps(best):
         raise NoDerivative(f"there is no derivative at {value!r}: the function jumps")
@@ -130,6 +132,11 @@ def parameter_difference(
     if not quotients.settled(best, _MARGIN * least, size):
         raise NoDerivative(f"there is no derivative at {value!r}: differences do not settle{_OR}")
     return best
+
+
+def _wanted(accuracy: float) -> float:
+    """Relative error of a derivative above which its steps or its values are examined again."""
+    return 100.0 * max(_ENOUGH, accuracy ** (_ORDER / (_ORDER + 1.0)))
 
 
 def by_parameter(system: Any, name: str, function: Callable[[Any], Array], **options: Any) -> Array:
@@ -317,17 +324,23 @@ class _Quotients:
         if not within:
             # near an end of the range the first central steps are refused
             kinds = [(self._ahead, 2.0), (self._behind, 2.0), (self._central, 4.0)]
-        best, error = self._refused, np.full(self._refused.shape, np.inf)
+        best, error, own = self._refused, np.full(self._refused.shape, np.inf), kinds[0]
         for kind, power in kinds:
             found, its_error = self._confirmed(kind, power)
             if not its_error.max(initial=0.0) >= error.max(initial=0.0):
-                best, error = found, its_error
+                best, error, own = found, its_error, (kind, power)
             if error.max(initial=0.0) <= _ENOUGH * abs(best).max(initial=0.0):
                 break
         if not np.isfinite(error).all():
             raise Refused(
                 f"values must exist on at least one side of {self._value!r}; there are none"
             )
+        largest, worst = abs(best).max(initial=0.0), error.max(initial=0.0)
+        moves = largest > 0.0 or self._change(first)[0].any()
+        if moves and worst > _wanted(self._accuracy) * largest:
+            noise = self._graininess()
+            if (noise > _CORNER * self._noise).any():
+                best, error = self._limit(*own, noise)
         if not within and np.isfinite(self._change(last)[0] + self._change(-last)[0]).all():
             # one side alone does not show a corner
             error = np.maximum(error, self._apart(self._noise)[2])
@@ -344,6 +357,26 @@ class _Quotients:
             for (one, wide), (other, narrow) in pairwise(changes):
                 rough = np.fmax(rough, abs(one - wide / narrow * other))
         return rough
+
+    def _graininess(self) -> Array:
+        """Errors (m,) of the values at the smallest steps, where smooth functions are straight.
+
+        Where nothing changes over these steps, and changes over larger steps are multiples of the
+        smallest one, as those of rounded values are, it is the smallest one.
+        """
+        grain = np.full(self._refused.shape, self._noise)
+        for way in (1.0, -1.0):
+            changes = [self._change(way * step) for step in self._steps[::-1]]
+            for (one, narrow), (other, wide) in pairwise(changes[:_SMALLEST]):
+                grain = np.fmax(grain, abs(other - wide / narrow * one))
+            sizes = np.array([abs(found) for found, _ in changes])
+            first = (sizes > 0.0).argmax(axis=0)
+            rows = np.minimum(first + np.arange(_MULTIPLES)[:, None], len(sizes) - 1)
+            found = np.take_along_axis(sizes, rows, axis=0)
+            ratios = found / np.where(found[0] > 0.0, found[0], 1.0)
+            rounded = (abs(ratios - np.rint(ratios)) < _TRUSTED).all(axis=0)
+            grain = np.where(rounded & (first >= _SMALLEST), np.fmax(grain, found[0]), grain)
+        return grain
 
     def _apart(self, noise: float | Array) -> tuple[Array, Array, Array]:
         """Slopes (m,) ahead and behind, and their differences; zero where they agree."""
