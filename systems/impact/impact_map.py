@@ -227,23 +227,22 @@ class ImpactMap(DrivenStructure, Map):
         Parameters
         ----------
         position : (N,) array_like
-            Positions; by default the shape of the first mode, of modal amplitude L sqrt(m), with
-            the contact coordinate on its side of zero. L is the length of the machine that follows
-            below, and m is the largest entry of the diagonal of M: so the default start does not
-            depend on the units. For a chain of unit masses with A = 0.1 it is that of Cusumano &
-            Bai, of modal amplitude one. That position may be beyond a stop, or on a stop that moves
-            towards it. Then the contact coordinate starts at a distance L from the stop, or
-            half-way between two stops. If the first mode has a node at the contact coordinate, only
-            that coordinate is displaced. With several stops the default is the nearest position at
-            which all gaps are L or, with less room, a half of it, a quarter and so on. With a stop
-            along a function of the coordinates it is the shape above, or else plus or minus a half
-            of it, twice it, a quarter, an eighth and so on.
+            Positions; by default the shape of the first mode with modal amplitude one, with the
+            contact coordinate on its side of zero (the start of Cusumano & Bai). That position may
+            be beyond a stop, or on a stop that moves towards it. Then the contact coordinate starts
+            at a distance of one from the stop, or half-way between two stops. If the first mode has
+            a node at the contact coordinate, only that coordinate is displaced. With several stops
+            the default is the nearest position at which all gaps are one or, with less room, a
+            half, a quarter and so on. With a stop along a function of the coordinates it is the
+            shape above, or else plus or minus a half of it, twice it, a quarter, an eighth and so
+            on.
 
-            L is the largest of these lengths. For an element along a row: the sum of its offset,
-            ten times its amplitude, the travel of its belt in one radian and the stretch of its
-            sliding spring. For a coordinate: the displacement at which its spring and its inertia
-            at the frequency balance the sum of constant forces, friction and ten times the harmonic
-            forces. If all are zero, L is 1. A class may define its own `default_start`.
+            These ones are in a unit that suits the machine, a power of 1000 of its own unit: so the
+            default start is the same in metres, millimetres and micrometres. In this unit the
+            largest length of the machine (offsets, amplitudes, and displacements at which springs
+            and inertia balance the forces) lies above 0.01, and is at most 10. The unit of mass is
+            found in the same way, from the diagonal of M. Other changes of units, such as to
+            inches, change the start. A class may define its own `default_start`.
         velocity : (N,) array_like
             Velocities; by default 0.
         phase : float

@@ -107,7 +107,7 @@ def test_the_default_start_is_within_a_narrow_hole() -> None:
     assert not state.velocity.any()
 
 
-UNITS = [(1e3, 1.0, 1.0), (1e-6, 1e3, 1.0), (39.37, 2.205, 1.0), (1.0, 1.0, 1e3), (1e6, 1e-3, 1e6)]
+UNITS = [(1e3, 1.0, 1.0), (1e-6, 1e3, 1.0), (1e9, 1e-6, 60.0), (1.0, 1.0, 1e3), (1e6, 1e-3, 1e6)]
 """Factors by which the numbers of lengths, masses and times grow."""
 
 
@@ -144,7 +144,7 @@ def test_the_default_start_does_not_depend_on_the_units(
     np.testing.assert_allclose(found.position / units[0], known.position, rtol=1e-12)
 
 
-@pytest.mark.parametrize("length", [1e-6, 1e-3, 0.5, 1e3, 1e6])
+@pytest.mark.parametrize("length", [1e-6, 1e-3, 1e3, 1e6])
 def test_the_attractor_of_the_default_start_does_not_depend_on_the_unit_of_length(
     length: float,
 ) -> None:

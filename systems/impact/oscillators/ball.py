@@ -19,8 +19,7 @@ class BouncingBall(OneMass):
 
     The motion is exact; `HighBounce` is its limit for high bounces. The section coordinates are
     (u, phase): the velocity relative to the table just after an impact, and the phase of the table.
-    The default start is at rest, at a height of ten amplitudes, or gravity / frequency^2 if that is
-    more.
+    The default start is at rest, at height one.
 
     The motion depends on two numbers: the restitution r, and the ratio Gamma = amplitude
     frequency^2 / gravity of the table's largest acceleration to gravity. A ball that rests on the

@@ -59,10 +59,6 @@ _OF_STOP = "restitution", "amplitude", "offset", "side"
 OF_TABLE = (*_OF_STOP, "contact", "play")
 """Parameters of the table; if there are elements, they are those of the first `HardStop`."""
 
-_MAGNIFIED = 10.0
-"""Amplitudes of the excitation in the length of a default start: a lightly damped structure
-responds with several of them."""
-
 
 @dataclass(frozen=True, kw_only=True)
 class DrivenStructure(LagrangianStructure):
@@ -292,32 +288,27 @@ class DrivenStructure(LagrangianStructure):
         return Excitation(self.frequency, harmonic, constant, moved or bool(harmonic.any()))
 
     @cached_property
-    def _length(self) -> float:
-        """A characteristic length of the machine, in its unit of length; one if there is none."""
-        return self._longest(1.0)
+    def _units(self) -> tuple[float, float]:
+        """Units of length and of mass, powers of 1000, that suit the machine; see `thousands`."""
+        return thousands(self._length), thousands(float(self.mass.diagonal().max()))
 
     @cached_property
-    def _start_length(self) -> float:
-        """Length of the default start, in which ten amplitudes of the excitation count."""
-        return self._longest(_MAGNIFIED)
+    def _length(self) -> float:
+        """A characteristic length of the machine, in its unit of length; one if there is none.
 
-    def _longest(self, magnified: float) -> float:
-        """The largest length of the machine; one if there is none.
-
-        For each element along a row: offset, amplitude, travel of its belt in one radian of the
-        phase and stretch of its sliding spring, in sum, divided by the largest entry of the row.
-        For each coordinate: the displacement at which its spring and its inertia at the frequency
-        balance the sum of all forces. Amplitudes of stops and forces are multiplied by `magnified`.
+        It is the largest of these lengths. For each element along a row: offset, amplitude, travel
+        of its belt in one radian of the phase and stretch of its sliding spring, in sum, divided by
+        the largest entry of the row. For each coordinate: the displacement at which its spring and
+        its inertia at the frequency balance the sum of all forces.
         """
         w, given, n = self.frequency, self._excitation, self.degrees_of_freedom
-        forces, found = (magnified * abs(given.harmonic) + abs(given.constant))[:n], [0.0]
+        forces, found = (abs(given.harmonic) + abs(given.constant))[:n], [0.0]
         for element in self._elements:
             if element.curved:  # its function need not be a length
                 continue
             row = abs(element.row(n))
             stretch = max(abs(regime.stretch) for regime in element.regimes)
-            own = abs(element.offset) + magnified * element.amplitude
-            own += abs(element.drift) / w + stretch
+            own = abs(element.offset) + element.amplitude + abs(element.drift) / w + stretch
             found.append(own / float(row.max()))
             forces = forces + max(abs(regime.push) for regime in element.regimes) * row
         stiff = abs(self.stiffness.diagonal()) + w * w * self.mass.diagonal()
@@ -499,3 +490,8 @@ def _forces(name: str, given: Any, size: int, kind: type[Any]) -> tuple[Any, ...
     for part in parts:
         finite_array(name, part, (size,))
     return tuple(array.astype(kind).tolist())
+
+
+def thousands(size: float) -> float:
+    """The power of 1000 in which a size lies above 0.01, up to 10: its unit with an SI prefix."""
+    return 1000.0 ** math.ceil(math.log(size / 10.0, 1000.0) - 1e-9)

@@ -53,8 +53,8 @@ def default_position(
     """
     shape = oscillator.modal_matrix[:, 0]
     if length is None:
-        unit = oscillator._start_length
-        shape = shape * (unit * math.sqrt(float(oscillator.mass.diagonal().max())))
+        unit, mass = oscillator._units
+        shape = shape * (unit * math.sqrt(mass))
     else:
         unit = length
         shape = shape * (length / float(abs(shape).max()))
@@ -185,7 +185,7 @@ def start(
     moving = np.zeros(n) if velocity is None else velocity
     if position is velocity is None and oscillator._several and not oscillator._bent:
         there = float(turn[0]), float(turn[1])
-        moving = _between(oscillator, x, there, length or oscillator._start_length)[1]
+        moving = _between(oscillator, x, there, length or oscillator._units[0])[1]
     v = finite_array("velocity", moving, (n,))
     on: dict[int, float] = {}
     first = 0.0
