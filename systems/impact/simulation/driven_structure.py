@@ -494,4 +494,4 @@ def _forces(name: str, given: Any, size: int, kind: type[Any]) -> tuple[Any, ...
 
 def thousands(size: float) -> float:
     """The power of 1000 in which a size lies above 0.01, up to 10: its unit with an SI prefix."""
-    return 1000.0 ** math.ceil(math.log(size / 10.0, 1000.0) - 1e-9)
+    return 1000.0 ** min(math.ceil(math.log(size / 10.0, 1000.0) - 1e-9), 102)
