@@ -136,7 +136,7 @@ def parameter_difference(
 
 def _wanted(accuracy: float) -> float:
     """Relative error of a derivative above which its steps or its values are examined again."""
-    return 100.0 * max(_ENOUGH, accuracy ** (_ORDER / (_ORDER + 1.0)))
+    return 100.0 * max(_ENOUGH, float(accuracy ** (_ORDER / (_ORDER + 1.0))))
 
 
 def by_parameter(system: Any, name: str, function: Callable[[Any], Array], **options: Any) -> Array:

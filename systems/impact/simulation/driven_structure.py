@@ -94,7 +94,8 @@ class DrivenStructure(LagrangianStructure):
             self._compose()
         check_fields(self, frequency=positive, restitution=checked_restitution)
         check_fields(self, amplitude=non_negative, offset=finite_scalar)
-        if not (isinstance(self.play, Real) and self.play == math.inf):
+        play: Any = self.play
+        if not (isinstance(play, Real) and play == math.inf):
             check_fields(self, play=positive)
         one_of("side", self.side, ("above", "below"))
         check_fields(self, chatter_tolerance=non_negative)
