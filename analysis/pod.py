@@ -19,6 +19,7 @@ from dynkit.core.validation import (
     Array,
     finite_array,
     in_interval,
+    one_of,
     positive,
     positive_integer,
     read_only,
@@ -86,9 +87,7 @@ class POD(Saved):
         *,
         about: Literal["origin", "mean"] = "origin",
     ) -> None:
-        if about not in ("origin", "mean"):
-            raise ValueError(f"about must be 'origin' or 'mean'; got {about!r}")
-        self.about: str = about
+        self.about: str = one_of("about", about, ("origin", "mean"))
         self._normal_modes = getattr(getattr(source, "system", None), "modal_matrix", None)
         self._averages_of = averages_of(source, times)
         self._change_of = partial(change_of, source)

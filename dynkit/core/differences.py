@@ -1,5 +1,6 @@
 """Derivatives by extrapolated differences, for functions without an exact derivative."""
 
+import math
 from collections.abc import Callable, Iterable, Sequence
 from functools import cache
 from itertools import pairwise
@@ -40,8 +41,13 @@ _CORNER = 64.0
 # A jump below _ROUGH, relative to the values, counts as an error of the values. These errors are
 # judged from the steps after the first _SMALLER ones, over which smooth functions are straight.
 _ROUGH, _SMALLER = 1e-8, 20
-# A limit is compared with the quotient at the step after the next _FARTHER ones.
-_FARTHER = 6
+# Errors that show at the smallest steps are judged from the last _SMALLEST ones. Values are rounded
+# ones if this many changes in succession are multiples of the first.
+_SMALLEST, _MULTIPLES = 8, 5
+# A limit is compared with the quotient at the step after the next _FARTHER ones; a relative
+# difference below _TRUSTED is none. A number below _OWN of the scale may be that over which the
+# function varies: then the limit is also compared with every _SPARSE-th step from there on.
+_FARTHER, _OWN, _SPARSE, _TRUSTED = 6, 2.0**-6, 8, 1e-3
 
 _OR = ", or the values are less exact than their `accuracy`"
 
@@ -107,7 +113,6 @@ def parameter_difference(
     center = function(value)
     size = float(np.abs(center).max(initial=0.0))
     best, least, before = np.zeros(center.shape), np.full(center.shape, np.inf), np.inf
-    wanted = 100.0 * max(_ENOUGH, accuracy ** (_ORDER / (_ORDER + 1.0)))
     if not scales:
         scales = sorted({max(abs(value), 1.0), abs(value) or 1.0}, reverse=abs(value) >= _SMALL)
     for scale in scales:
@@ -118,7 +123,7 @@ def parameter_difference(
         better = np.where(apart, scale < before, error < least)
         best, least = np.where(better, found, best), np.where(better, error, least)
         before = scale
-        if least.max(initial=0.0) <= wanted * abs(best).max(initial=0.0):
+        if least.max(initial=0.0) <= _wanted(accuracy) * abs(best).max(initial=0.0):
             return best
     if quotients.jumps(best):
         raise NoDerivative(f"there is no derivative at {value!r}: the function jumps")
@@ -127,6 +132,11 @@ def parameter_difference(
     if not quotients.settled(best, _MARGIN * least, size):
         raise NoDerivative(f"there is no derivative at {value!r}: differences do not settle{_OR}")
     return best
+
+
+def _wanted(accuracy: float) -> float:
+    """Relative error of a derivative above which its steps or its values are examined again."""
+    return 100.0 * max(_ENOUGH, float(accuracy ** (_ORDER / (_ORDER + 1.0))))
 
 
 def by_parameter(system: Any, name: str, function: Callable[[Any], Array], **options: Any) -> Array:
@@ -181,9 +191,9 @@ def numerical_derivative(
     NoMotion
         When the function is refused at the point itself.
     Refused
-        When there is no derivative. Then the function is refused at all steps on both sides, or its
-        differences do not converge. This happens at a jump, a sharp corner or the end of a square
-        root.
+        When the function is refused at all steps on both sides.
+    NoDerivative
+        When differences do not converge: at a jump, a sharp corner or the end of a square root.
 
     References
     ----------
@@ -197,7 +207,7 @@ def numerical_derivative(
     >>> numerical_derivative(abs, np.array([0.0]))
     Traceback (most recent call last):
     ...
-    dynkit.core.no_motion.Refused: there is no derivative by number 0 of [0.0]: differences do ...
+    dynkit.core.no_motion.NoDerivative: there is no derivative by number 0 of [0.0]: differences ...
     """
     center = np.asarray(function(point))
     size = float(max(np.abs(center).max(initial=0.0), np.abs(point).max(initial=least)))
@@ -219,7 +229,7 @@ def numerical_derivative(
                 off = np.maximum(off, quotients.corner(slope))
             settled = quotients.settled(slope, off, size)
         if not settled:
-            raise Refused(
+            raise NoDerivative(
                 f"there is no derivative by number {k} of {point.tolist()}: differences do not "
                 f"settle{_OR}"
             )
@@ -251,7 +261,9 @@ class _Quotients:
         self._value, self._scale, self._accuracy = value, scale, accuracy
         self._size, self._noise = size, accuracy * size
         first = scale * accuracy ** (1.0 / (_ORDER + 1))
-        self._steps = [first / 2.0**k for k in range(_HALVINGS)]
+        # the last step is as small beside the number as beside the scale
+        more = math.ceil(math.log2(max(scale / abs(value), 1.0))) if value else 0
+        self._steps = [first / 2.0**k for k in range(_HALVINGS + more)]
 
         @cache
         def change(step: float) -> tuple[Array, float]:
@@ -279,23 +291,27 @@ class _Quotients:
         return extrapolated(map(kind, self._steps), power, noise)
 
     def _confirmed(self, kind: _Quotient, power: float) -> tuple[Array, Array]:
-        """The limit of quotients, not contradicted by the quotient at a far smaller step.
+        """The limit of quotients, not contradicted by the quotients at far smaller steps.
 
-        At steps near multiples of its period, a function looks like another smooth function.
+        At steps near multiples of its period, a function looks like another smooth function. At
+        steps over many periods it looks straight.
         """
-        steps = iter(self._steps)
+        steps, wide = iter(self._steps), abs(self._value) < _OWN * self._scale
         best, error = extrapolated(map(kind, steps), power, self._noise)
         while best.any() and (left := list(steps)):
             left = left[min(_FARTHER, len(left) - 1) :]
-            there, _, width = kind(left[0])
-            off = abs(there - best)
-            doubt = error + _CORNER * self._noise / width + 0.1 * abs(best)
-            if not (off > doubt).any():
+            for step in left[::_SPARSE] if wide else left[:1]:
+                there, _, width = kind(step)
+                off = abs(there - best)
+                off[~(off > error + _CORNER * self._noise / width + _TRUSTED * abs(best))] = 0.0
+                if off.any():
+                    break
+            else:
                 break
             steps = iter(left)
             found, its_error = extrapolated(map(kind, steps), power, self._noise)
             if its_error.max(initial=0.0) > _CLEAR * abs(found).max(initial=0.0):
-                error = np.where(off > doubt, off, error)
+                error = np.where(off > 0.0, off, error)
                 break
             best, error = found, its_error
         return best, error
@@ -308,17 +324,23 @@ class _Quotients:
         if not within:
             # near an end of the range the first central steps are refused
             kinds = [(self._ahead, 2.0), (self._behind, 2.0), (self._central, 4.0)]
-        best, error = self._refused, np.full(self._refused.shape, np.inf)
+        best, error, own = self._refused, np.full(self._refused.shape, np.inf), kinds[0]
         for kind, power in kinds:
             found, its_error = self._confirmed(kind, power)
             if not its_error.max(initial=0.0) >= error.max(initial=0.0):
-                best, error = found, its_error
+                best, error, own = found, its_error, (kind, power)
             if error.max(initial=0.0) <= _ENOUGH * abs(best).max(initial=0.0):
                 break
         if not np.isfinite(error).all():
             raise Refused(
                 f"values must exist on at least one side of {self._value!r}; there are none"
             )
+        largest, worst = abs(best).max(initial=0.0), error.max(initial=0.0)
+        moves = largest > 0.0 or self._change(first)[0].any()
+        if moves and worst > _wanted(self._accuracy) * largest:
+            noise = self._graininess()
+            if (noise > _CORNER * self._noise).any():
+                best, error = self._limit(*own, noise)
         if not within and np.isfinite(self._change(last)[0] + self._change(-last)[0]).all():
             # one side alone does not show a corner
             error = np.maximum(error, self._apart(self._noise)[2])
@@ -335,6 +357,26 @@ class _Quotients:
             for (one, wide), (other, narrow) in pairwise(changes):
                 rough = np.fmax(rough, abs(one - wide / narrow * other))
         return rough
+
+    def _graininess(self) -> Array:
+        """Errors (m,) of the values at the smallest steps, where smooth functions are straight.
+
+        Where nothing changes over these steps, and changes over larger steps are multiples of the
+        smallest one, as those of rounded values are, it is the smallest one.
+        """
+        grain = np.full(self._refused.shape, self._noise)
+        for way in (1.0, -1.0):
+            changes = [self._change(way * step) for step in self._steps[::-1]]
+            for (one, narrow), (other, wide) in pairwise(changes[:_SMALLEST]):
+                grain = np.fmax(grain, abs(other - wide / narrow * one))
+            sizes = np.array([abs(found) for found, _ in changes])
+            first = (sizes > 0.0).argmax(axis=0)
+            rows = np.minimum(first + np.arange(_MULTIPLES)[:, None], len(sizes) - 1)
+            found = np.take_along_axis(sizes, rows, axis=0)
+            ratios = found / np.where(found[0] > 0.0, found[0], 1.0)
+            rounded = (abs(ratios - np.rint(ratios)) < _TRUSTED).all(axis=0)
+            grain = np.where(rounded & (first >= _SMALLEST), np.fmax(grain, found[0]), grain)
+        return grain
 
     def _apart(self, noise: float | Array) -> tuple[Array, Array, Array]:
         """Slopes (m,) ahead and behind, and their differences; zero where they agree."""

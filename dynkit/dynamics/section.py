@@ -146,7 +146,7 @@ class Hyperplane(_Charted):
             raise ValueError(f"normal must have 2 or more coordinates; got {given.size}")
         if not given.any():
             raise ValueError(f"normal must not be zero; got {given.tolist()}")
-        if isinstance(direction, bool) or direction not in (1, -1):
+        if isinstance(direction, bool | np.ndarray) or direction not in (1, -1):
             raise ValueError(f"direction must be +1 or -1; got {direction!r}")
         # scaled first: the squares of a very long or very short normal would overflow or underflow
         size = float(np.abs(given).max())

@@ -453,6 +453,9 @@ class Sweep(Viewed, Swept):
     def label(self, place: int) -> OrbitLabel:
         """Return the label of the attractor at ``values[place]``; it is computed once.
 
+        It is "no motion" where the motion ends before all states are kept, or runs away among the
+        later states that a label examines. In the second case all states are kept.
+
         Raises
         ------
         ValueError

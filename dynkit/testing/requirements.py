@@ -8,7 +8,7 @@ import numpy as np
 
 # the stub of the package names it among the public names
 from dynkit.core.differences import numerical_derivative as numerical_derivative  # noqa: PLC0414
-from dynkit.core.no_motion import NoMotion, Refused, replaced
+from dynkit.core.no_motion import NoDerivative, NoMotion, Refused, replaced
 from dynkit.core.parameters import Family
 from dynkit.core.validation import Array
 
@@ -101,7 +101,7 @@ def require_derivative(
         found, error = numerical_derivative(
             function, point, difference=difference, accuracy=accuracy, least=least
         )
-    except Refused as end:
+    except (NoDerivative, Refused) as end:
         raise AssertionError(": ".join(lost)) from end
     require_shape(name, claimed, found.shape)
     size = float(np.abs(found).max(initial=0.0))

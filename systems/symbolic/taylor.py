@@ -140,8 +140,8 @@ class Taylor:
             if outcome == self._library.taylor_outcome.err_nf_state or not np.isfinite(end).all():
                 raise Diverged(_lost(state, duration, time, "the motion runs away"))
             last = outcome == self._library.taylor_outcome.time_limit
-            if count and count % _CHUNK == 0:
-                self._refuse_slow(count, state, duration, time)
+            if count and count % _CHUNK == 0 and (why := _slow(count, duration, time)):
+                raise CannotFollow(f"beyond time {time:.6g}: {why}")
             begin, time, here = time, duration if last else time + step, end
             yield TaylorStep(begin, time, end, coefficients)
             if last:
@@ -194,15 +194,8 @@ class Taylor:
             if outcome == outcomes.time_limit:
                 return
             count += _CHUNK
-            self._refuse_slow(count, state, duration, time)
-
-    def _refuse_slow(self, count: int, state: Array, duration: float, time: float) -> None:
-        if count * duration > _MOST * time:
-            why = (
-                f"the steps collapse to {time / count:.1e}, and more than {_MOST} would be needed: "
-                "the flow is stiff (IntegratedFlow has an implicit method), or near a singularity"
-            )
-            raise CannotFollow(_lost(state, duration, time, why))
+            if why := _slow(count, duration, time):
+                raise CannotFollow(_lost(state, duration, time, why))
 
 
 @final
@@ -277,6 +270,16 @@ def digits_of(size: float) -> int:
     if not 0.0 < size < 2.0**-5:
         return 0
     return _BITS * min(math.ceil((-math.log2(size) - 5.0) / _BITS), _MOST_CLASSES)
+
+
+def _slow(count: int, duration: float, time: float) -> str:
+    """Why the steps so far, up to a time, are too many; empty if they are not."""
+    if count * duration <= _MOST * time:
+        return ""
+    return (
+        f"the steps collapse to {time / count:.1e}, and more than {_MOST} would be needed: "
+        "the flow is stiff (IntegratedFlow has an implicit method), or near a singularity"
+    )
 
 
 def _lost(state: Sequence[float] | Array, duration: float, time: float, why: str) -> str:

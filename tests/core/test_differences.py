@@ -1,6 +1,7 @@
 """Derivatives by parameters: differences are right to 1e-8 and better, overrides are exact."""
 
 from collections.abc import Callable
+from functools import partial
 
 import numpy as np
 import pytest
@@ -156,7 +157,7 @@ def test_the_error_at_a_corner_covers_the_slopes_on_both_sides() -> None:
 
         try:
             found, error = numerical_derivative(along, np.array([place]), accuracy=1e-13)
-        except Refused:
+        except NoDerivative:
             continue
         assert abs(found[0] - slope) <= error[0]
         assert abs(found[0] - slope - corner) <= error[0]
@@ -277,3 +278,68 @@ def test_steps_near_multiples_of_a_period_are_not_taken_for_small_ones(size: flo
         derivative, error = numerical_derivative(kicked, np.array([0.3 * size, angle]))
         exact = [[1.0, size * np.cos(angle)], [1.0 / size, 1.0]]
         assert (abs(derivative - exact) <= error).all()
+
+
+@pytest.mark.parametrize(
+    "sizes", [(1.0, 1e3), (1.0, 1e9), (1e-3, 1e6), (1e-6, 1e4), (1e9, 1.0, 1e9), (1e-6, 1e-6)]
+)
+def test_coordinates_may_differ_by_large_factors(sizes: tuple[float, ...]) -> None:
+    """Metres beside gigapascals: steps for the large numbers are many periods of the small ones."""
+    unit = np.array(sizes)
+    for number in range(30):
+        random = np.random.default_rng(number)
+        linear, waves = random.normal(size=(2, len(unit), len(unit)))
+        phase, place = random.uniform(-1.0, 1.0, (2, len(unit)))
+        waves *= random.uniform(0.5, 3.0)
+
+        def values(
+            x: Array, linear: Array = linear, waves: Array = waves, phase: Array = phase
+        ) -> Array:
+            return np.asarray(unit * (linear @ (x / unit) + np.sin(waves @ (x / unit) + phase)))
+
+        exact = linear + np.cos(waves @ place + phase)[:, None] * waves
+        found, error = numerical_derivative(values, unit * place)
+        assert (abs(found - exact * unit[:, None] / unit) <= error).all()
+        assert abs(found / unit[:, None] * unit - exact).max() < 1e-2
+
+
+def _grainy(kind: str, grain: float, number: int) -> tuple[Callable[[Array], Array], Array, Array]:
+    """A function whose values have errors, a place, and its exact derivative there."""
+    random = np.random.default_rng(number)
+    place = random.uniform(-2.0, 2.0, 2)
+    waves, linear = 2.0 * random.normal(size=(2, 2)), random.normal(size=(2, 2))
+    noise: dict[bytes, Array] = {}
+
+    def values(x: Array) -> Array:
+        exact = linear @ x + np.sin(waves @ x)
+        if kind == "rounded":
+            return np.round(exact / grain) * grain
+        return np.asarray(exact + grain * noise.setdefault(x.tobytes(), random.uniform(-1, 1, 2)))
+
+    return values, place, linear + np.cos(waves @ place)[:, None] * waves
+
+
+def _along(values: Callable[[Array], Array], other: float, x: float) -> Array:
+    return values(np.array([x, other]))
+
+
+@pytest.mark.parametrize("kind", ["rounded", "noisy"])
+@pytest.mark.parametrize("grain", [1e-9, 1e-8, 1e-7, 1e-6])
+def test_values_with_large_errors_that_are_declared_exact(kind: str, grain: float) -> None:
+    """A root finder stops early: the derivative is right, or its error is large, or none is said.
+
+    At steps below the rounding nothing changes: a derivative of zero would look exact.
+    """
+    for number in range(60):
+        values, place, exact = _grainy(kind, grain, number)
+        try:
+            found, error = numerical_derivative(values, place)
+        except NoDerivative:
+            pass
+        else:
+            assert (abs(found - exact) <= error + 1e-2 * abs(exact).max()).all()
+        try:
+            slope = parameter_difference(partial(_along, values, float(place[1])), float(place[0]))
+        except NoDerivative:
+            continue
+        assert abs(slope - exact[:, 0]).max() <= 1e-2 * abs(exact[:, 0]).max()

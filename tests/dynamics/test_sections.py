@@ -1,4 +1,5 @@
 import re
+from typing import Any
 
 import numpy as np
 import pytest
@@ -56,10 +57,13 @@ def test_the_length_of_the_normal_does_not_matter(length: float) -> None:
         ([1.0, 0.0], np.inf, 1, "offset must be a finite number; got inf"),
         ([1.0, 0.0], 0.0, 0, "direction must be +1 or -1; got 0"),
         ([1.0, 0.0], 0.0, True, "direction must be +1 or -1; got True"),
+        ([1.0, 0.0], 0.0, np.ones(2), "direction must be +1 or -1; got array([1., 1.])"),
+        ([1.0, 0.0], 0.0, [], "direction must be +1 or -1; got []"),
+        ([1.0, 0.0], 0.0, np.ones(0), "direction must be +1 or -1; got array([], dtype=float64)"),
     ],
 )
 def test_a_bad_plane_is_refused(
-    normal: list[float], offset: float, direction: int, message: str
+    normal: list[float], offset: float, direction: Any, message: str
 ) -> None:
     with pytest.raises(ValueError, match=f"^{re.escape(message)}$"):
         Hyperplane(np.array(normal), offset, direction)

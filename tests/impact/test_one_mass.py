@@ -45,6 +45,11 @@ def play(**arguments: Any) -> PlayOscillator:
     return PlayOscillator(**{"frequency": 1.0, "restitution": 0.5, "amplitude": 0.2, **arguments})
 
 
+def table(**arguments: Any) -> MatrixOscillator:
+    one = np.eye(1)
+    return MatrixOscillator(M=one, C=0.1 * one, K=one, frequency=1.0, **arguments)
+
+
 SYSTEMS: dict[str, ImpactOscillator] = {
     "single, chaotic": single(),
     "single, stop away": single(frequency=2.3, stop=0.1),
@@ -339,6 +344,8 @@ REFUSED: list[tuple[Callable[[], Any], str]] = [
     (lambda: ball(amplitude=-0.1), "amplitude must not be negative; got -0.1"),
     (lambda: ball().replace(constant_forces=(1.0,)), "; got 'constant_forces'"),
     (lambda: ball().state([-0.1]), "position[0] must not be below the table at 0.0; got -0.1"),
+    (lambda: table(play=np.ones(0)), "play must be a finite number; got array([], dtype=float64)"),
+    (lambda: table(play=np.ones(2)), "play must be a finite number; got array([1., 1.])"),
     (lambda: play(play=0.0), "play must be positive; got 0.0"),
     (lambda: play(play=INF), "play must be a finite number; got inf"),
     (lambda: play(spring=-1.0), "spring must not be negative; got -1.0"),

@@ -23,7 +23,7 @@ from dynkit import (
 )
 from dynkit.analysis import LyapunovSpectrum
 from dynkit.core.differences import numerical_derivative
-from dynkit.core.no_motion import Diverged, Refused
+from dynkit.core.no_motion import Diverged, NoDerivative, Refused
 from dynkit.core.validation import Array
 from dynkit.dynamics.flow import Flow
 from dynkit.systems import Henon, IntegratedFlow
@@ -278,7 +278,7 @@ def test_at_a_corner_the_error_is_that_of_either_slope(
     for side, slope in zip((-1.0, 1.0), slopes, strict=True):
         try:
             ((found,),), ((error,),) = numerical_derivative(bent, np.array([0.7 + side * distance]))
-        except Refused:
+        except NoDerivative:
             assert distance < 1e-12
             continue
         assert abs(found - slope) <= error
@@ -299,7 +299,7 @@ class Border(Map):
 def test_nothing_is_said_of_the_multipliers_of_an_orbit_on_a_corner() -> None:
     orbit = periodic_orbit(Border(), [0.5])
     assert orbit.states[0, 0] == 0.5
-    with pytest.raises(Refused, match="differences do not settle"):
+    with pytest.raises(NoDerivative, match="differences do not settle"):
         _ = orbit.multipliers
     label = Border().attractor(start=[0.5]).label
     assert str(label) == "P(1)"
@@ -317,7 +317,7 @@ def test_the_end_of_a_root_has_no_derivative(power: float) -> None:
     assert Root().jacobian(np.array([1e-6]))[0, 0] == pytest.approx(
         power * 1e-6 ** (power - 1.0), rel=1e-9
     )
-    with pytest.raises(Refused, match=r"no derivative by number 0 of \[0\.0\]"):
+    with pytest.raises(NoDerivative, match=r"no derivative by number 0 of \[0\.0\]"):
         Root().jacobian(np.array([0.0]))
 
 

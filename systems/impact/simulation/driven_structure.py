@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, fields, replace
+from numbers import Real
 from typing import Any, ClassVar, cast, final
 
 import numpy as np
@@ -93,7 +94,8 @@ class DrivenStructure(LagrangianStructure):
             self._compose()
         check_fields(self, frequency=positive, restitution=checked_restitution)
         check_fields(self, amplitude=non_negative, offset=finite_scalar)
-        if self.play != math.inf:
+        play: Any = self.play
+        if not (isinstance(play, Real) and play == math.inf):
             check_fields(self, play=positive)
         one_of("side", self.side, ("above", "below"))
         check_fields(self, chatter_tolerance=non_negative)
@@ -285,6 +287,11 @@ class DrivenStructure(LagrangianStructure):
         moved = any(element.phasor for element in self._elements)
         moved = moved or (self._motion is not None and self._motion.equations.turns)
         return Excitation(self.frequency, harmonic, constant, moved or bool(harmonic.any()))
+
+    @cached_property
+    def _units(self) -> tuple[float, float]:
+        """Units of length and of mass, powers of 1000, that suit the machine; see `thousands`."""
+        return thousands(self._length), thousands(float(self.mass.diagonal().max()))
 
     @cached_property
     def _length(self) -> float:
@@ -484,3 +491,8 @@ def _forces(name: str, given: Any, size: int, kind: type[Any]) -> tuple[Any, ...
     for part in parts:
         finite_array(name, part, (size,))
     return tuple(array.astype(kind).tolist())
+
+
+def thousands(size: float) -> float:
+    """The power of 1000 in which a size lies above 0.01, up to 10: its unit with an SI prefix."""
+    return 1000.0 ** min(math.ceil(math.log(size / 10.0, 1000.0) - 1e-9), 102)
