@@ -13,6 +13,7 @@ from __future__ import annotations
 
 import gc
 import hashlib
+import operator
 import os
 import stat
 import sys
@@ -20,7 +21,7 @@ import tempfile
 import time
 from collections.abc import Callable
 from dataclasses import dataclass
-from functools import cache
+from functools import cache, partial
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any, ClassVar, TypeVar
@@ -173,13 +174,14 @@ _PASSES = {
     "rewrite_semantic_constants",
     "dead_branch_prune",
     "generic_rewrites",
-    "reconstruct_ssa",
     "nopython_type_inference",
-    "strip_phis",
     "native_lowering",
     "nopython_backend",
 }
-"""Passes of Numba's compiler that kernels need, which have no closures or array expressions."""
+"""Passes of Numba's compiler that kernels need, which have no closures or array expressions.
+
+A variable of a kernel has one type, so that it need not be divided into one for each assignment.
+"""
 
 
 @cache
@@ -197,13 +199,19 @@ def _classes() -> Any:
     functions that are not inlined, and these are optimised by themselves.
     """
     from llvmlite import binding
-    from numba.core import codegen, compiler, compiler_machinery, dispatcher, types, typing
+    from numba.core import cgutils, codegen, compiler, dispatcher, ir, types, typing
+    from numba.core.compiler_machinery import FunctionPass, PassManager, register_pass
     from numba.core.registry import CPUDispatcher, cpu_target
     from numba.core.targetconfig import ConfigStack
+    from numba.np import arrayobj
 
     library: Any = codegen.JITCodeLibrary
     pipeline: Any = compiler.Compiler
-    manager: Any = compiler_machinery.PassManager
+    manager: Any = PassManager
+    tools: Any = cgutils
+    items: Any = arrayobj
+    code: Any = ir
+    register: Any = register_pass
     options: Any = compiler.Flags
     context_of_types: Any = vars(typing)["Context"]
     compilation: Any = vars(dispatcher)["_FunctionCompiler"]
@@ -274,11 +282,43 @@ def _classes() -> Any:
         def _customize_flags(self, flags: Any) -> Flags:
             return self.kinds.setdefault(repr(flags), Flags(flags))
 
-    def size_of(kind: Any) -> int:  # kept: Numba compiles a module for each query of LLVM
-        text = str(kind)
-        if text not in sizes:
-            sizes[text] = context.get_abi_sizeof(kind)
-        return sizes[text]
+    class Target(type(context)):  # type: ignore[misc]
+        """Numba's target, with a third of its code for a number of an array, for the same bits."""
+
+        def get_abi_sizeof(self, kind: Any) -> int:
+            # kept: Numba compiles a module for each query of LLVM
+            if (text := str(kind)) not in sizes:
+                sizes[text] = super().get_abi_sizeof(kind)
+            return sizes[text]
+
+        def get_function(self, function: Any, signature: Any, **rest: Any) -> Any:
+            if getattr(function, "typing_key", None) in (operator.getitem, operator.setitem):
+                kind, index = signature.args[:2]
+                axes = getattr(index, "types", (index,))
+                whole = all(isinstance(each, types.Integer) for each in axes)
+                if isinstance(kind, types.Array) and len(axes) == kind.ndim and whole:
+                    return partial(self._item, signature.args, axes)
+            return super().get_function(function, signature, **rest)
+
+        def _item(self, kinds: Any, axes: Any, builder: Any, given: Any) -> Any:
+            """Read a number of an array; write it if it is given."""
+            kind, (array, index, *value) = kinds[0], given
+            place = self.data_model_manager[kind].get_field_position
+            shape, strides = (
+                tools.unpack_tuple(builder, builder.extract_value(array, place(name)))
+                for name in ("shape", "strides")
+            )
+            data = builder.extract_value(array, place("data"))
+            given = [index] if axes == (kinds[1],) else tools.unpack_tuple(builder, index)
+            whole = types.intp
+            indices = [self.cast(builder, *each, whole) for each in zip(given, axes, strict=True)]
+            pointer = tools.get_item_pointer2(
+                self, builder, data, shape, strides, kind.layout, indices, wraparound=True
+            )
+            if not value:
+                return items.load_item(self, builder, kind, pointer)
+            number = self.cast(builder, value[0], kinds[2], kind.dtype)
+            return items.store_item(self, builder, kind, number, pointer)
 
     class Entry(library):  # type: ignore[misc]
         def _optimize_functions(self, module: Any) -> None:
@@ -318,13 +358,29 @@ def _classes() -> Any:
                     function.attributes.add(apart.decode())
             super().add_ir_module(module)
 
+    @register(mutates_CFG=False, analysis_only=False)
+    class Constants(FunctionPass):
+        """Makes global numbers constants; Numba would fix a variable's type to that number."""
+
+        _name = "global_numbers"
+
+        def __init__(self) -> None: ...
+
+        def run_pass(self, state: Any) -> bool:
+            for block in state.func_ir.blocks.values():
+                for each in block.find_insts(ir.Assign):
+                    given = each.value
+                    if isinstance(given, ir.Global) and isinstance(given.value, int | float):
+                        each.value = code.Const(given.value, given.loc)
+            return True
+
     class Compiling(pipeline):  # type: ignore[misc]
         library: type = Entry
 
         def __init__(self, context: Any, target: Any, *rest: Any) -> None:
             super().__init__(alike(context), target, *rest)
             own = self.state.targetctx.subtarget(typing_context=self.state.typingctx)
-            own.get_abi_sizeof = size_of
+            own.__class__ = Target
             self.state.targetctx = own
 
         def compile_extra(self, function: Any) -> Any:
@@ -337,6 +393,8 @@ def _classes() -> Any:
             needed = manager("nopython")
             (all_of_them,) = super().define_pipelines()
             needed.passes = [one for one in all_of_them.passes if one[0].name() in _PASSES]
+            names = [one[0].name() for one in needed.passes]
+            needed.passes.insert(names.index("nopython_type_inference"), (Constants, ""))
             needed.finalize()
             return [needed]
 
