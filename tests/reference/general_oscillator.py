@@ -215,7 +215,7 @@ class GeneralOscillator:
         if relative_velocity is not None:
             self._put(run, self.stops[0], arb(relative_velocity))
         for stop in self.stops:
-            gap, rate = stop.gap.derivatives(run.z)[:2]
+            gap, rate = stop.gap.value_and_rate(run.z)
             if run.stop is None and gap == 0 and rate >= 0:
                 run.stop, run.u = stop, rate
             elif run.stop is not stop and not gap > 0:
@@ -255,7 +255,7 @@ class GeneralOscillator:
         run.history.steps += found.steps
         n, stop = self.size, self.stops[found.which]
         self._advance(run, found.state, found.elapsed)
-        approach = -stop.gap.derivatives(run.z)[1]
+        approach = -stop.gap.value_and_rate(run.z)[1]
         u = (self.restitution * approach).mid()
         for i, kick in enumerate(self.kick):
             run.z[n + i, 0] = (run.z[n + i, 0] + kick * (stop.sign * (approach + u))).mid()

@@ -98,7 +98,7 @@ def _leave(motion: LinearMotion, row: Row, z: arb_mat, order: int) -> arb:
 
 def _step(motion: LinearMotion, row: Row, z: arb_mat) -> tuple[arb, arb]:
     """A time before which f cannot vanish, and one before which it must, or infinity."""
-    jets = row.derivatives(z)
+    jets = row.value_and_rate(z)
     if not jets[0] > 0:
         raise ArithmeticError(f"f must be positive; got {jets[0]}")
     harmonic = row.harmonic * motion.frequency**2

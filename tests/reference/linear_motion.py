@@ -30,11 +30,12 @@ class Row:
     """A quantity r z of a motion, with its derivatives r A^j z."""
 
     def __init__(self, motion: LinearMotion, row: arb_mat) -> None:
-        n = motion.size
+        n, self._motion = motion.size, motion
         rows = [row]
         for _ in range(JETS):
             rows.append((rows[-1] * motion.matrix).mid())
         self.jets = arb_mat([r.entries() for r in rows])
+        self._two = arb_mat([r.entries() for r in rows[:2]])
         self.entries = row.entries()
         self.sine, self.cosine, self.constant = self.entries[2 * n :]
         self.harmonic = root(self.sine**2 + self.cosine**2)
@@ -46,6 +47,23 @@ class Row:
         """f, f', f'', ..."""
         entries: list[arb] = (self.jets * z).mid().entries()
         return entries
+
+    def value_and_rate(self, z: arb_mat) -> list[arb]:
+        """f and f'."""
+        entries: list[arb] = (self._two * z).mid().entries()
+        return entries
+
+    @cached_property
+    def in_modes(self) -> list[list[arb]]:
+        """The row on positions and on velocities, in the coordinates that bounds are written in."""
+        shape = self._motion.modes.shape
+        with ctx.workprec(self._motion.bits):
+            return [(part * shape).entries() for part in (self.on_position, self.on_velocity)]
+
+    @cached_property
+    def weights(self) -> list[list[arb]]:
+        """Upper bounds of the absolute values of `in_modes`."""
+        return [[upper(x) for x in part] for part in self.in_modes]
 
     def structural(self, motion: LinearMotion, z: arb_mat, jets: Sequence[arb]) -> tuple[arb, arb]:
         """f and f' without the row's own sine and cosine."""

@@ -43,9 +43,10 @@ class Flow:
     def series(self, z: Any, step: float) -> list[Any]:
         """Taylor's series, in units of a step."""
         terms, matrix = [z], (self.matrix * arb(step)).mid()
-        size = most(z)
-        while len(terms) < 5 or most(terms[-1]) + most(terms[-2]) > 1e-58 * size:
+        sizes = [most(z)]
+        while len(terms) < 5 or sizes[-1] + sizes[-2] > 1e-58 * sizes[0]:
             terms.append(((matrix * terms[-1]) / len(terms)).mid())
+            sizes.append(most(terms[-1]))
         return terms
 
 

@@ -118,6 +118,9 @@ class Modes:
                     total += entry
             growth = growth.max(total.upper())
         self.growth = growth
+        # How far bounds reach that grow with the forces.
+        self.later = (1 / motion.frequency).lower() if motion.forced else INFINITE
+        self.windows = self._windows()
         self.static = [force[k, 2] / stiff[k, k] if not self.rigid[k] else arb(0) for k in range(n)]
         self.drive = [root(force[k, 0] ** 2 + force[k, 1] ** 2) for k in range(n)]
         # Of the energy, and of the forces in the norm that goes with it.
@@ -126,17 +129,17 @@ class Modes:
         works = [(c.transpose() * motion.inverse_mass * c)[0, 0] for c in columns]
         self.work = upper(root(works[0]) + root(works[1]))
 
-    def norms(self, z: arb_mat) -> list[arb]:
-        """n_k of a state (2n + 3) or (2n)."""
+    def norms(self, q: Sequence[arb]) -> list[arb]:
+        """n_k of q and q' (2n)."""
         n = self.motion.size
-        q = (self.to_modal * z).entries()
         return [root((self.w[k] * q[k]) ** 2 + q[n + k] ** 2) for k in range(n)]
 
-    def rates(self, z: arb_mat) -> list[arb]:
-        """Bounds on |q_k'| for ever, where nothing forces the modes."""
+    def sizes(self, z: arb_mat) -> tuple[list[arb], list[arb]]:
+        """n_k of a state, and bounds on |q_k'| for ever, where nothing forces the modes."""
         n = self.motion.size
         q = (self.to_modal * z).entries()
-        found = self.norms(z)
+        norms = self.norms(q)
+        found = norms[:]
         for k, exponents in enumerate(self.exponents):
             if exponents is not None:
                 slow, fast = exponents
@@ -145,7 +148,7 @@ class Modes:
                     upper((q[n + k] + slow * q[k]) * fast),
                 )
                 found[k] = found[k].min((parts[0] + parts[1]) / (fast - slow)).upper()
-        return found
+        return norms, found
 
     def energy_norm(self, z: arb_mat) -> arb:
         """Square root of twice the energy."""
@@ -154,20 +157,15 @@ class Modes:
         twice = x.transpose() * self.motion.stiffness * x + v.transpose() * self.motion.mass * v
         return root(twice[0, 0])
 
-    def windows(self) -> list[tuple[arb, arb]]:
+    def _windows(self) -> list[tuple[arb, arb]]:
         """Times, and by which part of the largest norm the coupling makes norms grow within them.
 
         Short windows, in which there is next to no growth, are offered besides long ones.
         """
-        later = self.later()
         if self.growth == 0:
-            return [(later, arb(0))]
-        times = [(arb((1, -k)) / self.growth).min(later).lower() for k in (2, 20, 60)]
+            return [(self.later, arb(0))]
+        times = [(arb((1, -k)) / self.growth).min(self.later).lower() for k in (2, 20, 60)]
         return [(x, (self.growth * x).expm1().upper()) for x in times]
-
-    def later(self) -> arb:
-        """How far bounds reach that grow with the forces."""
-        return (1 / self.motion.frequency).lower() if self.motion.forced else INFINITE
 
     def _grown(self, norms: list[arb], order: int, window: arb, growth: arb) -> list[arb]:
         """Bounds within a window, from those without coupling and forces."""
@@ -177,36 +175,50 @@ class Modes:
         spread = growth * max(norms)
         return [(a + spread).upper() for a in norms]
 
-    def bounds(
-        self, row: Row, states: Sequence[tuple[arb_mat, int]], fast: Sequence[int] = ()
-    ) -> list[Bound]:
-        """From the derivatives (state, order) of the motion that follow a row's order.
+    def bounds(self, row: Row, states: Sequence[tuple[arb_mat, int]]) -> list[Bound]:
+        """From the derivatives (state, order) of the motion that follow a row's order."""
+        return self._all_bounds(row, states, self._speeds(states))
 
-        Without the share of the ``fast`` modes.
-        """
-        windows = self.windows()
-        totals = [arb(0) for _ in windows]
-        whole = arb(0)
-        for part, (z, order) in zip((row.on_position, row.on_velocity), states, strict=False):
-            weights = [upper(x) for x in (part * self.shape).entries()]
-            for k in fast:
-                weights[k] = arb(0)
-            norms, rates = self.norms(z), self.rates(z)
-            for i, (window, growth) in enumerate(windows):
+    def _all_bounds(
+        self, row: Row, states: Sequence[tuple[arb_mat, int]], speeds: Sequence[list[list[arb]]]
+    ) -> list[Bound]:
+        found = self._bounds(row, speeds)
+        if self.sound and self.coupled:
+            parts = zip((row.on_position, row.on_velocity), states, strict=False)
+            whole = sum((self._by_energy(part, *state) for part, state in parts), arb(0))
+            found.append(Bound(whole.upper(), self.later))
+        return found
+
+    def _speeds(self, states: Sequence[tuple[arb_mat, int]]) -> list[list[list[arb]]]:
+        """Bounds on |q_k'| of each state (state, order) within each window."""
+        found = []
+        for z, order in states:
+            norms, rates = self.sizes(z)
+            each = []
+            for window, growth in self.windows:
                 spread = max(self._grown(norms, order, window, growth)) * growth
-                now = self._grown(rates, order, window, arb(0))
-                totals[i] += sum((a * (b + spread) for a, b in zip(weights, now, strict=True)))
-            whole += self._by_energy(part, z, order)
-        found = [Bound(x.upper(), y) for x, (y, _) in zip(totals, windows, strict=True)]
-        if self.sound and self.coupled and not fast:
-            found.append(Bound(whole.upper(), self.later()))
+                each.append([x + spread for x in self._grown(rates, order, window, arb(0))])
+            found.append(each)
+        return found
+
+    def _bounds(
+        self, row: Row, speeds: Sequence[list[list[arb]]], fast: Sequence[int] = ()
+    ) -> list[Bound]:
+        """Bounds by the modes, without the share of the ``fast`` ones."""
+        slow = [k for k in range(self.motion.size) if k not in fast]
+        found = []
+        for i, (window, _) in enumerate(self.windows):
+            total = arb(0)
+            for weights, each in zip(row.weights, speeds, strict=False):
+                total += sum((weights[k] * each[i][k] for k in slow), arb(0))
+            found.append(Bound(total.upper(), window))
         return found
 
     def _by_energy(self, part: arb_mat, z: arb_mat, order: int) -> arb:
         dual = (part * self.motion.inverse_mass * part.transpose())[0, 0]
         energy = self.energy_norm(z)
         if self.motion.forced:
-            energy += self.later() * self.motion.frequency**order * self.work
+            energy += self.later * self.motion.frequency**order * self.work
         return root(dual) * energy
 
     def floors(
@@ -218,11 +230,12 @@ class Modes:
         curvature.
         """
         after = states[1:]
-        found = [Floor(value, rate, *bound, True) for bound in self.bounds(row, after)]
+        speeds = self._speeds(after)
+        bounds = self._all_bounds(row, after, speeds)
+        found = [Floor(value, rate, *bound, True) for bound in bounds]
         if not self.cuts:
             return found
         n = self.motion.size
-        weights = [(part * self.shape).entries() for part in (row.on_position, row.on_velocity)]
         q, dq = ((self.to_modal * z).entries() for z, _ in states[:2])
         offsets = q[:]
         for k in range(n):
@@ -231,12 +244,12 @@ class Modes:
         for fast in self.cuts:
             apart, apart_rate, size = arb(0), arb(0), []
             for k in fast:
-                a, b = weights[0][k], weights[1][k]
+                a, b = row.in_modes[0][k], row.in_modes[1][k]
                 apart += a * offsets[k] + b * q[n + k]
                 apart_rate += a * dq[k] + b * dq[n + k]
                 size.append(root((a / self.w[k]) ** 2 + b**2))
-            bounds = self.bounds(row, after, fast)
-            for bound, (window, growth) in zip(bounds, self.windows(), strict=True):
+            bounds = self._bounds(row, speeds, fast)
+            for bound, (window, growth) in zip(bounds, self.windows, strict=True):
                 grown = self._grown(norms, 0, window, growth)
                 worst = sum((a * grown[k] for a, k in zip(size, fast, strict=True)), arb(0))
                 found.append(
@@ -247,12 +260,11 @@ class Modes:
     def lowest_free(self, row: Row, free: arb_mat) -> arb:
         """A number below r z for ever, where nothing forces the motion (x, v) (2n, 1)."""
         n = self.motion.size
-        on_position = (row.on_position * self.shape).entries()
-        on_velocity = (row.on_velocity * self.shape).entries()
         if self.coupled:
             return self._lowest_by_energy(row, free)
-        norms = self.norms(_pad(free))
+        on_position, on_velocity = row.in_modes
         q = (self.to_modal * _pad(free)).entries()
+        norms = self.norms(q)
         total = arb(0)
         for k in range(n):
             a, b, rate, c = on_position[k], on_velocity[k], q[n + k], self.decay[k]
