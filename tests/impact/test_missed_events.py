@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import copy
+import math
 from dataclasses import replace
 from typing import Any
 
@@ -242,3 +243,14 @@ def test_a_hard_stop_at_the_place_of_a_soft_one_turns_its_gap_at_once(
         each.simulate(impacts=8, start=each.state([0.5], [-0.6])) for each in (machine, other)
     )
     assert found.time == pytest.approx(exact.time, abs=1e-10)
+
+
+@pytest.mark.parametrize("depth", [1e-2, 1e-4, 1e-6, 1e-8, 1e-10, 1e-12])
+def test_a_dip_that_begins_and_ends_within_one_step_is_an_impact(depth: float) -> None:
+    """Without forces x = cos t, which reaches -(1 - depth) at pi - 2 asin(sqrt(depth/2))."""
+    place = 1.0 - depth
+    free = ImpactDuffing(frequency=0.01, damping=0.0, cubic=1e-300, amplitude=0.0, offset=-place)
+    record = free.simulate(impacts=1, start=free.state([1.0], [0.0]))
+    low = 1.0 - place
+    exact = math.pi - 2.0 * math.asin(math.sqrt(low / 2.0))
+    assert record.time == pytest.approx([exact], abs=1e-14 / math.sqrt(low))
