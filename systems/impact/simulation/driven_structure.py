@@ -494,5 +494,5 @@ def _forces(name: str, given: Any, size: int, kind: type[Any]) -> tuple[Any, ...
 
 
 def thousands(size: float) -> float:
-    """The power of 1000 in which a size lies above 0.01, up to 10: its unit with an SI prefix."""
-    return 1000.0 ** min(math.ceil(math.log(size / 10.0, 1000.0) - 1e-9), 102)
+    """The power of 1000 that is nearest to a size, by their ratio: a unit with an SI prefix."""
+    return 1000.0 ** min(round(math.log(size, 1000.0)), 102)
