@@ -242,7 +242,8 @@ class ImpactMap(DrivenStructure, Map):
             largest length of the machine (offsets, amplitudes, and displacements at which springs
             and inertia balance the forces) lies between 1/32 and 32. The unit of mass is found in
             the same way, from the diagonal of M. Other changes of units, such as to
-            inches, change the start. A class may define its own `default_start`.
+            inches, change the start. So do all changes where springs are not linear: there the
+            ones are in the machine's own units. A class may define its own `default_start`.
         velocity : (N,) array_like
             Velocities; by default 0.
         phase : float

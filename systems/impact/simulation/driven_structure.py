@@ -290,7 +290,12 @@ class DrivenStructure(LagrangianStructure):
 
     @cached_property
     def _units(self) -> tuple[float, float]:
-        """Units of length and of mass, powers of 1000, that suit the machine; see `thousands`."""
+        """Units of length and of mass, powers of 1000, that suit the machine; see `thousands`.
+
+        Springs that are not linear have lengths of their own: with them the units are one.
+        """
+        if self._motion is not None:
+            return 1.0, 1.0
         return thousands(self._length), thousands(float(self.mass.diagonal().max()))
 
     @cached_property
