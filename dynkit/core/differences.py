@@ -336,8 +336,9 @@ class _Quotients:
                 f"values must exist on at least one side of {self._value!r}; there are none"
             )
         largest, worst = abs(best).max(initial=0.0), error.max(initial=0.0)
-        moves = largest > 0.0 or self._change(first)[0].any()
-        if moves and worst > _wanted(self._accuracy) * largest:
+        # at zero the smallest steps are not small beside the number
+        known = self._value != 0.0 and (largest > 0.0 or self._change(first)[0].any())
+        if known and worst > _wanted(self._accuracy) * largest:
             noise = self._graininess()
             if (noise > _CORNER * self._noise).any():
                 best, error = self._limit(*own, noise)

@@ -240,9 +240,10 @@ class ImpactMap(DrivenStructure, Map):
             These ones are in a unit that suits the machine, a power of 1000 of its own unit: so the
             default start is the same in metres, millimetres and micrometres. In this unit the
             largest length of the machine (offsets, amplitudes, and displacements at which springs
-            and inertia balance the forces) lies above 0.01, and is at most 10. The unit of mass is
-            found in the same way, from the diagonal of M. Other changes of units, such as to
-            inches, change the start. A class may define its own `default_start`.
+            and inertia balance the forces) lies between 1/32 and 32. The unit of mass is found in
+            the same way, from the diagonal of M. Other changes of units, such as to
+            inches, change the start. So do all changes where springs are not linear: there the
+            ones are in the machine's own units. A class may define its own `default_start`.
         velocity : (N,) array_like
             Velocities; by default 0.
         phase : float

@@ -290,7 +290,12 @@ class DrivenStructure(LagrangianStructure):
 
     @cached_property
     def _units(self) -> tuple[float, float]:
-        """Units of length and of mass, powers of 1000, that suit the machine; see `thousands`."""
+        """Units of length and of mass, powers of 1000, that suit the machine; see `thousands`.
+
+        Springs that are not linear have lengths of their own: with them the units are one.
+        """
+        if self._motion is not None:
+            return 1.0, 1.0
         return thousands(self._length), thousands(float(self.mass.diagonal().max()))
 
     @cached_property
@@ -494,5 +499,5 @@ def _forces(name: str, given: Any, size: int, kind: type[Any]) -> tuple[Any, ...
 
 
 def thousands(size: float) -> float:
-    """The power of 1000 in which a size lies above 0.01, up to 10: its unit with an SI prefix."""
-    return 1000.0 ** min(math.ceil(math.log(size / 10.0, 1000.0) - 1e-9), 102)
+    """The power of 1000 that is nearest to a size, by their ratio: a unit with an SI prefix."""
+    return 1000.0 ** min(round(math.log(size, 1000.0)), 102)
