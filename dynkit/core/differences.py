@@ -46,8 +46,9 @@ _ROUGH, _SMALLER = 1e-8, 20
 _SMALLEST, _MULTIPLES = 8, 5
 # A limit is compared with the quotient at the step after the next _FARTHER ones; a relative
 # difference below _TRUSTED is none. A number below _OWN of the scale may be that over which the
-# function varies: then the limit is also compared with every _SPARSE-th step from there on.
-_FARTHER, _OWN, _SPARSE, _TRUSTED = 6, 2.0**-6, 8, 1e-3
+# function varies: then the limit is also compared with every _SPARSE-th step from there on. A
+# number that is smaller by more than _DUST halvings is taken for zero.
+_FARTHER, _OWN, _SPARSE, _TRUSTED, _DUST = 6, 2.0**-6, 8, 1e-3, 64
 
 _OR = ", or the values are less exact than their `accuracy`"
 
@@ -262,7 +263,9 @@ class _Quotients:
         self._size, self._noise = size, accuracy * size
         first = scale * accuracy ** (1.0 / (_ORDER + 1))
         # the last step is as small beside the number as beside the scale
-        more = math.ceil(math.log2(max(scale / abs(value), 1.0))) if value else 0
+        more = max(math.frexp(scale)[1] - math.frexp(value)[1], 0)
+        if value == 0.0 or more > _DUST:
+            more = 0
         self._steps = [first / 2.0**k for k in range(_HALVINGS + more)]
 
         @cache
@@ -335,10 +338,13 @@ class _Quotients:
             raise Refused(
                 f"values must exist on at least one side of {self._value!r}; there are none"
             )
-        largest, worst = abs(best).max(initial=0.0), error.max(initial=0.0)
+        # rounded values may not change over small steps, beside others that do
+        wide = abs(self._change(first)[0] - self._change(-first)[0])
+        flat = ((best == 0.0) & (wide > _CORNER * self._noise)).any()
+        unsure = error.max(initial=0.0) > _wanted(self._accuracy) * abs(best).max(initial=0.0)
+        varies = best.any() or wide.any()
         # at zero the smallest steps are not small beside the number
-        known = self._value != 0.0 and (largest > 0.0 or self._change(first)[0].any())
-        if known and worst > _wanted(self._accuracy) * largest:
+        if self._value != 0.0 and (flat or (unsure and varies)):
             noise = self._graininess()
             if (noise > _CORNER * self._noise).any():
                 best, error = self._limit(*own, noise)

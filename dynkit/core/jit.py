@@ -283,7 +283,7 @@ def _classes() -> Any:
             return self.kinds.setdefault(repr(flags), Flags(flags))
 
     class Target(type(context)):  # type: ignore[misc]
-        """Numba's target, with a third of its code for a number of an array, for the same bits."""
+        """Numba's target, with a third of its code for a number of an array."""
 
         def get_abi_sizeof(self, kind: Any) -> int:
             # kept: Numba compiles a module for each query of LLVM

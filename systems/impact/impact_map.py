@@ -235,15 +235,8 @@ class ImpactMap(DrivenStructure, Map):
             the default is the nearest position at which all gaps are one or, with less room, a
             half, a quarter and so on. With a stop along a function of the coordinates it is the
             shape above, or else plus or minus a half of it, twice it, a quarter, an eighth and so
-            on.
-
-            These ones are in a unit that suits the machine, a power of 1000 of its own unit: so the
-            default start is the same in metres, millimetres and micrometres. In this unit the
-            largest length of the machine (offsets, amplitudes, and displacements at which springs
-            and inertia balance the forces) lies between 1/32 and 32. The unit of mass is found in
-            the same way, from the diagonal of M. Other changes of units, such as to
-            inches, change the start. So do all changes where springs are not linear: there the
-            ones are in the machine's own units. A class may define its own `default_start`.
+            on. These lengths have no unit: with another unit of length the default start is a
+            different one, and may lead to another attractor.
         velocity : (N,) array_like
             Velocities; by default 0.
         phase : float

@@ -330,12 +330,13 @@ def test_values_with_large_errors_that_are_declared_exact(kind: str, grain: floa
 
     At steps below the rounding nothing changes: a derivative of zero would look exact.
     """
+    refused = 0
     for number in range(60):
         values, place, exact = _grainy(kind, grain, number)
         try:
             found, error = numerical_derivative(values, place)
         except NoDerivative:
-            pass
+            refused += 1
         else:
             assert (abs(found - exact) <= error + 1e-2 * abs(exact).max()).all()
         try:
@@ -343,3 +344,29 @@ def test_values_with_large_errors_that_are_declared_exact(kind: str, grain: floa
         except NoDerivative:
             continue
         assert abs(slope - exact[:, 0]).max() <= 1e-2 * abs(exact[:, 0]).max()
+    assert refused <= 1
+
+
+def test_a_rounded_value_beside_exact_ones_has_no_derivative_of_zero() -> None:
+    for number in range(60):
+        values, place, exact = _grainy("rounded", 1e-7, number)
+
+        def beside(x: Array, values: Callable[[Array], Array] = values) -> Array:
+            return np.append(values(x)[0], np.sin(x))
+
+        found, error = numerical_derivative(beside, place)
+        assert (abs(found[0] - exact[0]) <= error[0] + 1e-2 * abs(exact).max()).all()
+
+
+@pytest.mark.parametrize("tiny", [1e-16, 1e-100, 1e-300, 1e-310, 5e-324])
+def test_a_coordinate_that_has_decayed_costs_no_more_than_zero(tiny: float) -> None:
+    calls = [0]
+
+    def decaying(x: Array) -> Array:
+        calls[0] += 1
+        return np.array([2.8 * x[0] * (1.0 - x[0]), 0.3 * x[1] * (1.0 + x[0])])
+
+    found, error = numerical_derivative(decaying, np.array([0.6, tiny]))
+    exact = [[-0.56, 0.0], [0.3 * tiny, 0.48]]
+    assert (abs(found - exact) <= error).all()
+    assert calls[0] <= 200

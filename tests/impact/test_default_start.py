@@ -6,16 +6,7 @@ import numpy as np
 import pytest
 
 from dynkit import basins, parameter_map, sweep
-from dynkit.systems import (
-    DryFriction,
-    HardStop,
-    ImpactChain,
-    ImpactOscillator,
-    Jenkins,
-    MatrixOscillator,
-    SingleImpactOscillator,
-    SoftStop,
-)
+from dynkit.systems import HardStop, ImpactChain, ImpactOscillator, MatrixOscillator
 from tests.effort import is_thorough
 
 EYE = np.eye(2)
@@ -105,56 +96,3 @@ def test_the_default_start_is_within_a_narrow_hole() -> None:
     state = Tube(frequency=1.1, harmonic_forces=[0.3, 0.2j], elements=[hole]).state()
     assert 0.0 < state.position @ state.position < 0.01
     assert not state.velocity.any()
-
-
-UNITS = [(1e3, 1.0, 1.0), (1e-6, 1e3, 1.0), (1e9, 1e-6, 60.0), (1.0, 1.0, 1e3), (1e6, 1e-3, 1e6)]
-"""Factors by which the numbers of lengths, masses and times grow."""
-
-
-def _with(stops: str, length: float, mass: float, time: float) -> MatrixOscillator:
-    """A machine of two masses in other units."""
-    force, pull = mass * length / time**2, mass / time**2
-    near = HardStop(1, amplitude=0.13 * length, restitution=0.6)
-    far = HardStop(1, offset=0.4 * length, side="below", restitution=0.7)
-    elements = {
-        "table": [near],
-        "play": [near, far],
-        "gap": [HardStop(1, offset=-0.7 * length, restitution=0.8)],
-        "friction": [DryFriction(0, force=0.3 * force, velocity=0.2 * length / time)],
-        "soft": [SoftStop(1, offset=-0.3 * length, stiffness=20.0 * pull)],
-        "slider": [Jenkins(1, stiffness=2.0 * pull, force=0.1 * force)],
-    }[stops]
-    return MatrixOscillator(
-        M=mass * np.diag([1.0, 2.5]),
-        C=mass / time * np.diag([0.1, 0.2]),
-        K=pull * np.array([[2.0, -1.0], [-1.0, 3.0]]),
-        frequency=0.9 / time,
-        harmonic_forces=[0.21 * force, 0.0],
-        elements=elements,
-    )
-
-
-@pytest.mark.parametrize("units", UNITS)
-@pytest.mark.parametrize("stops", ["table", "play", "gap", "friction", "soft", "slider"])
-def test_the_default_start_does_not_depend_on_the_units(
-    stops: str, units: tuple[float, float, float]
-) -> None:
-    known = _with(stops, 1.0, 1.0, 1.0).default_start
-    found = _with(stops, *units).default_start
-    np.testing.assert_allclose(found.position / units[0], known.position, rtol=1e-12)
-
-
-@pytest.mark.parametrize("length", [1e-6, 1e-3, 1e3, 1e6])
-def test_the_attractor_of_the_default_start_does_not_depend_on_the_unit_of_length(
-    length: float,
-) -> None:
-    """At its parameters P(1,3) and a motion without impacts are both stable."""
-
-    def rattling(unit: float) -> SingleImpactOscillator:
-        return SingleImpactOscillator(
-            frequency=5.2, force=0.5 * unit, stop=0.05 * unit, restitution=0.8, damping_ratio=0.03
-        )
-
-    known, found = (rattling(unit).attractor(transient=3000) for unit in (1.0, length))
-    assert str(found.label) == str(known.label)
-    np.testing.assert_allclose(found.states[:, 0] / length, known.states[:, 0], rtol=1e-9)

@@ -97,14 +97,13 @@ class SingleImpactOscillator(OneMass):
         Parameters
         ----------
         position, velocity : (1,) array_like
-            By default the mass is at rest, at a distance of one from the stop, in the unit that
-            suits the machine: see `ImpactOscillator.state`.
+            By default the mass is at rest, at a distance of one from the stop.
         phase : float
             Phase of the force, taken modulo 2 pi.
         sliders : (0,) array_like
             Empty: there are no sliders.
         """
-        place = [self.stop - self._units[0]] if position is None else position
+        place = [self.stop - 1.0] if position is None else position
         return super().state(place, velocity, phase, sliders)
 
     @property

@@ -289,16 +289,6 @@ class DrivenStructure(LagrangianStructure):
         return Excitation(self.frequency, harmonic, constant, moved or bool(harmonic.any()))
 
     @cached_property
-    def _units(self) -> tuple[float, float]:
-        """Units of length and of mass, powers of 1000, that suit the machine; see `thousands`.
-
-        Springs that are not linear have lengths of their own: with them the units are one.
-        """
-        if self._motion is not None:
-            return 1.0, 1.0
-        return thousands(self._length), thousands(float(self.mass.diagonal().max()))
-
-    @cached_property
     def _length(self) -> float:
         """A characteristic length of the machine, in its unit of length; one if there is none.
 
@@ -496,8 +486,3 @@ def _forces(name: str, given: Any, size: int, kind: type[Any]) -> tuple[Any, ...
     for part in parts:
         finite_array(name, part, (size,))
     return tuple(array.astype(kind).tolist())
-
-
-def thousands(size: float) -> float:
-    """The power of 1000 that is nearest to a size, by their ratio: a unit with an SI prefix."""
-    return 1000.0 ** min(round(math.log(size, 1000.0)), 102)

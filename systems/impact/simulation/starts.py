@@ -46,18 +46,16 @@ def _rounding(place: float, amplitude: float, offset: float) -> float:
 def default_position(
     oscillator: DrivenStructure, angle: float, length: float | None = None
 ) -> Array:
-    """Shape of the first mode, if masses at rest can be there; see `ImpactMap.state`.
+    """Shape of the first mode with modal amplitude one, if masses at rest can be there.
 
-    Otherwise it is scaled, or moved at the contact, to a distance from the stop of one length or
-    half the play. If `length` is given, it is this length, and the shape's largest displacement.
+    Otherwise it is scaled, or moved at the contact, to a distance from the stop of one or half the
+    play. If `length` is given, the shape's largest displacement and this distance of one are
+    `length` instead.
     """
     shape = oscillator.modal_matrix[:, 0]
-    if length is None:
-        unit, mass = oscillator._units
-        shape = shape * (unit * math.sqrt(mass))
-    else:
-        unit = length
+    if length is not None:
         shape = shape * (length / float(abs(shape).max()))
+    unit = 1.0 if length is None else length
     if oscillator._strobed:
         return shape
     near = oscillator._stops[0]
@@ -185,7 +183,7 @@ def start(
     moving = np.zeros(n) if velocity is None else velocity
     if position is velocity is None and oscillator._several and not oscillator._bent:
         there = float(turn[0]), float(turn[1])
-        moving = _between(oscillator, x, there, length or oscillator._units[0])[1]
+        moving = _between(oscillator, x, there, 1.0 if length is None else length)[1]
     v = finite_array("velocity", moving, (n,))
     on: dict[int, float] = {}
     first = 0.0
