@@ -27,6 +27,9 @@ _DERIVATIVES = 1e3
 # near a fold the change decreases like a power of time, and more of it remains.
 _LATER = 3.0
 
+UNKNOWN = 0.0, False
+"""The `attraction` of an orbit without derivatives."""
+
 
 @final
 @dataclass(frozen=True, eq=False)
@@ -56,10 +59,10 @@ class Window:
         states to their counterparts in the last n ones. Otherwise these distances may be those of a
         nonlinear motion, and no recurrence. None where motions are never so small without being
         periodic.
-    attraction : callable or None
+    attraction : callable
         Function (n, m) that returns the `attraction` of an orbit of n states or releases, and m
-        periods of the forcing, from the derivatives over the last two periods; infinity without
-        these. None where it is not known.
+        periods of the forcing, from the derivatives over the last two periods; `UNKNOWN` without
+        these.
     """
 
     states: Array
@@ -69,7 +72,7 @@ class Window:
     release_error: Callable[[int, float], float] | None = None
     given_up: bool = False
     resolves: Callable[[int], bool] | None = None
-    attraction: Callable[[int, int | None], float] | None = None
+    attraction: Callable[[int, int | None], tuple[float, bool]] = lambda *_: UNKNOWN
 
 
 class OrbitSource(Protocol):
@@ -126,9 +129,10 @@ def label_orbit(
       ends it. Therefore the error of the release a period later must also be within the tolerance.
     - A motion that settles geometrically gets the label of the orbit that it approaches, when the
       ratio of its decay is below 1 by five standard errors, the decay does not slow down, and the
-      extrapolated orbit is within 100 tolerances (1e-2 when the budget ends). If the map has
-      derivatives, it must also be certain that the orbit is stable, or that it is unstable: see
-      `with_multiplier`.
+      extrapolated orbit is within 100 tolerances (1e-2 when the budget ends). The orbit of an
+      impact machine must also be that near by its `attraction`, because a small disturbance that
+      decays slowly is hidden behind a large one. If the map has derivatives, it must also be
+      certain that the orbit is stable, or that it is unstable: see `with_multiplier`.
     - A motion also gets the label of an orbit that is certain to attract by its multipliers, when
       the derivative of the map shows that the last state is within the tolerance of this orbit: see
       `attraction`.
@@ -186,9 +190,8 @@ def _decided(source: OrbitSource, kept: int, tolerance: float, budget: int | Non
         period = orbit.recurrent(tolerance)
         if period is not None and window.resolves is not None and not window.resolves(period):
             period = None
-        period = period or orbit.settling(_NEAR * tolerance)
-        if period is None and window.attraction is not None:
-            period = orbit.attracted(tolerance, window.attraction)
+        period = period or orbit.settling(_NEAR * tolerance, window.attraction)
+        period = period or orbit.attracted(tolerance, window.attraction)
         if period is not None and not _is_certain(window, period, orbit.scale, tolerance):
             period = None
         if period is None and seen >= _CHAOS_AFTER and not orbit.decays:
@@ -203,7 +206,7 @@ def _decided(source: OrbitSource, kept: int, tolerance: float, budget: int | Non
         request = min(max(seen, REPETITIONS), limit - spent)
         ends = 2 * request < seen
         if period is None and ends:
-            period = orbit.settling(_NEAR_AT_LAST)
+            period = orbit.settling(_NEAR_AT_LAST, window.attraction)
             if period and not _is_certain(window, period, orbit.scale, _NEAR_AT_LAST):
                 period = None
         if period is not None:
@@ -262,23 +265,29 @@ def _multiplier(
     return found, error
 
 
-def attraction(last: Array, before: Array, accuracy: float) -> float:
-    """Return how far a state may be from its orbit, in units of its distance to the last period's.
+def attraction(last: Array, before: Array, accuracy: float) -> tuple[float, bool]:
+    """Return the distance of a motion from a periodic orbit, and whether this orbit attracts.
 
-    Let A be the derivative over the last period, and d the change of the state over it. A nearby
-    orbit is then at a distance of |(1 - A)^-1 A d| from the last state, to first order: the sum of
-    all later changes. The result is the norm of (1 - A)^-1, or infinity where the multipliers do
-    not prove that the orbit attracts: see `with_multiplier`, also for the arguments.
+    The distance is in units of the change of the state over the last period. Let A be the
+    derivative over this period, and d the change. To first order, a periodic orbit, stable or
+    unstable, is at a distance of |(1 - A)^-1 d| from the state before the change. The first result
+    is the norm of (1 - A)^-1. It is the norm in the coordinates of the derivatives; labels compare
+    states in section coordinates, and times in periods, where it may differ.
+
+    The second result is whether the multipliers prove that the orbit attracts: see
+    `with_multiplier`, also for the arguments. Derivatives that are not finite give `UNKNOWN`.
     """
     if not (np.isfinite(last).all() and np.isfinite(before).all()):
-        return np.inf
+        return UNKNOWN
     found, error = _multiplier(last, before, accuracy, None)
-    if found + error >= 1.0:
-        return np.inf
     unit = product = np.eye(last.shape[1])
-    for factor in last:
-        product = factor @ product
-    return float(np.linalg.norm(np.linalg.inv(unit - product), 2))
+    with np.errstate(over="ignore", invalid="ignore"):
+        for factor in last:
+            product = factor @ product
+    if not np.isfinite(product).all():
+        return UNKNOWN
+    least = float(np.linalg.norm(unit - product, -2))
+    return 1.0 / least if least else np.inf, found + error < 1.0
 
 
 def settled_label(

@@ -130,7 +130,7 @@ class Attracted(Synthetic):
     derivative = 0.9
 
     def more(self, count: int) -> Window:
-        def known(*_: object) -> float:
+        def known(*_: object) -> tuple[float, bool]:
             factors = np.full((1, 1, 1), self.derivative)
             return attraction(factors, factors, self.accuracy)
 
@@ -177,6 +177,26 @@ def test_a_derivative_does_not_hide_a_doubled_period() -> None:
         return np.asarray(bent(number) + split(1, 3e-8)(number)[:, :2])
 
     assert str(label_orbit(Attracted(doubled, regular_times(1, 2)), kept=122)) == "P(2,4)"
+
+
+def test_a_fast_decay_does_not_hide_the_slow_one_beside_a_period_doubling() -> None:
+    """The multipliers are 0.8 and -0.9995, and the first disturbance is larger at first."""
+    ratios, sizes = np.array([0.8, -0.9995]), np.array([0.3, 1e-4])
+
+    def state_at(number: Numbers) -> Array:
+        return np.asarray(1.0 + sizes * ratios ** number[:, None])
+
+    class Known(Synthetic):
+        def more(self, count: int) -> Window:
+            def known(n: int, _: object) -> tuple[float, bool]:
+                factors = np.array([np.diag(ratios)] * n)
+                return attraction(factors, factors, self.accuracy)
+
+            return replace(super().more(count), attraction=known)
+
+    given = state_at, regular_times(1, 1)
+    assert str(label_orbit(Synthetic(*given), kept=50)) == "P(2,2)"
+    assert str(label_orbit(Known(*given), kept=50)) == "P(1,1)"
 
 
 @pytest.mark.parametrize("ratio", [0.999, -0.999])
