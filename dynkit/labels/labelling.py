@@ -12,7 +12,7 @@ from dynkit.core.validation import Array, positive, positive_integer
 from dynkit.labels.label import OrbitKind, OrbitLabel
 from dynkit.labels.recurrence import REPETITIONS, Recurrences
 from dynkit.labels.rotation import Rotation, rotation_of
-from dynkit.orbits.multipliers import MARGIN, PROBES, disturbed_eigenvalues, spectral_radius
+from dynkit.orbits.multipliers import MARGIN, PROBES, disturbed_eigenvalues, product_eigenvalues
 
 # Largest distance of the extrapolated orbit of a geometric decay: _NEAR tolerances, or
 # _NEAR_AT_LAST relative to the largest state when the budget ends.
@@ -234,7 +234,8 @@ def with_multiplier(
     last, before : (n, d, d) arrays
         Derivatives of the map at the states of the last period, and of the one before it, in the
         order of time. The error estimate is the difference of their multipliers, summed over all
-        later periods under the assumption that it decays as disturbances do.
+        later periods under the assumption that it decays as disturbances do. It is the larger of
+        two sums: of the differences of the modulus, and of those of the complex number.
     accuracy : float
         Relative accuracy of the map.
     errors : (n,) array, optional
@@ -253,10 +254,14 @@ def _multiplier(
     last: Array, before: Array, accuracy: float, errors: Array | None
 ) -> tuple[float, float]:
     """Return the largest modulus of the multipliers, and its error: see `with_multiplier`."""
-    found, earlier = map(spectral_radius, (last, before))
-    apart = abs(1.0 - found)
-    change = abs(found - earlier)
-    series = _LATER * change * max(1.0, found / apart) if apart else np.inf
+    (largest, *_), earlier = map(product_eigenvalues, (last, before))
+    found, series = float(abs(largest)), np.inf
+    if found != 1.0:
+        with np.errstate(invalid="ignore"):  # infinite multipliers have no known change
+            change = abs(found - abs(earlier[0])) * max(1.0, found / abs(1.0 - found))
+            # while a complex pair turns, its modulus may be the same for a moment
+            turn = abs(earlier - largest).min() * max(1.0, found / abs(1.0 - largest))
+            series = _LATER * float(max(change, turn))
     error = series + _DERIVATIVES * len(last) * accuracy * max(1.0, found)
     if errors is not None:
         random = np.random.default_rng(0)

@@ -199,6 +199,16 @@ def test_a_motion_that_oscillates_while_it_settles_gets_the_orbit_that_it_settle
     assert abs(motion.label.multiplier - exact) <= motion.label.multiplier_error < 1e-4
 
 
+def test_the_error_of_a_multiplier_holds_while_the_motion_spirals_into_its_orbit() -> None:
+    chain = ImpactChain(
+        masses=2, restitution=0.21374084735860338, damping=0.005, frequency=1.253653462395794
+    )
+    label = chain.attractor(transient=50, impacts=100).label
+    exact = chain.attractor(transient=8000, impacts=100).label
+    assert str(label) == str(exact) == "P(1,1)"
+    assert abs(label.multiplier - exact.multiplier) <= label.multiplier_error < 1e-6
+
+
 @pytest.mark.parametrize("tolerance", [1e-10, 1e-12, 1e-16, 1e-20])
 def test_labels_do_not_depend_on_the_cut_of_chatter(tolerance: float) -> None:
     chain = ImpactChain(frequency=0.408, chatter_tolerance=tolerance)
