@@ -59,10 +59,10 @@ class Window:
         states to their counterparts in the last n ones. Otherwise these distances may be those of a
         nonlinear motion, and no recurrence. None where motions are never so small without being
         periodic.
-    attraction : callable
+    attraction : callable or None
         Function (n, m) that returns the `attraction` of an orbit of n states or releases, and m
         periods of the forcing, from the derivatives over the last two periods; `UNKNOWN` without
-        these.
+        these. None where it is not known.
     """
 
     states: Array
@@ -72,7 +72,7 @@ class Window:
     release_error: Callable[[int, float], float] | None = None
     given_up: bool = False
     resolves: Callable[[int], bool] | None = None
-    attraction: Callable[[int, int | None], tuple[float, bool]] = lambda *_: UNKNOWN
+    attraction: Callable[[int, int | None], tuple[float, bool]] | None = None
 
 
 class OrbitSource(Protocol):
@@ -191,7 +191,8 @@ def _decided(source: OrbitSource, kept: int, tolerance: float, budget: int | Non
         if period is not None and window.resolves is not None and not window.resolves(period):
             period = None
         period = period or orbit.settling(_NEAR * tolerance, window.attraction)
-        period = period or orbit.attracted(tolerance, window.attraction)
+        if period is None and window.attraction is not None:
+            period = orbit.attracted(tolerance, window.attraction)
         if period is not None and not _is_certain(window, period, orbit.scale, tolerance):
             period = None
         if period is None and seen >= _CHAOS_AFTER and not orbit.decays:

@@ -196,12 +196,12 @@ class Recurrences:
         decay = self._decay(self._best) if self._best else _Decay(0)
         return decay.falls(_FALL) and _FALL * decay.rest <= self.from_last.max()
 
-    def settling(self, near: float, attraction: _Attraction) -> int | None:
+    def settling(self, near: float, attraction: _Attraction | None) -> int | None:
         """Return the period of the orbit on which the motion settles; None if that is not certain.
 
         The distance of the last state from this orbit must be at most `near`. It is extrapolated by
-        the fit of the decay, and by the derivative over the period where `attraction` knows it: the
-        fit follows the largest disturbances, and a small one may decay more slowly.
+        the fit of the decay, and by the derivative over the period where its `attraction` is known:
+        the fit follows the largest disturbances, and a small one may decay more slowly.
         """
         best = self._best
         if not best or self.from_last[best - 1] > _STEEPEST * near:
@@ -212,18 +212,11 @@ class Recurrences:
             if decay.falls(_DECAY_DEPTH):
                 if decay.count < _DECAY_RECURRENCES or decay.rest > near:
                     return None
-                factor, _ = attraction(n, self.periods(n))
+                factor = attraction(n, self.periods(n))[0] if attraction else 0.0
                 rest = max(decay.rest, float(self.steps(n)[-1]) * factor)
-                return n if self._certain(n, rest, near) else None
+                apart = all(self.steps(k)[-1] > 3.0 * rest for k in proper_divisors(n))
+                return n if rest <= near and apart else None
         return None
-
-    def _certain(self, n: int, rest: float, near: float) -> bool:
-        """Whether the last state is near an orbit of n states, and parts of n are no period.
-
-        `rest` is the distance of the last state from the orbit.
-        """
-        apart = all(self.steps(k)[-1] > 3.0 * rest for k in proper_divisors(n))
-        return rest <= near and apart
 
     def attracted(self, near: float, attraction: _Attraction) -> int | None:
         """Return the period of an orbit that attracts the motion; None if that is not certain.
@@ -238,7 +231,8 @@ class Recurrences:
             return None
         factor, attracts = attraction(n, self.periods(n))
         rest = float(self.steps(n)[-1]) * factor
-        return n if attracts and self._certain(n, rest, near) else None
+        apart = all(self.steps(k)[-1] > 3.0 * rest for k in proper_divisors(n))
+        return n if attracts and rest <= near and apart else None
 
     @cached_property
     def _best(self) -> int:
