@@ -12,7 +12,7 @@ from dynkit.core.validation import Array, positive, positive_integer
 from dynkit.labels.label import OrbitKind, OrbitLabel
 from dynkit.labels.recurrence import REPETITIONS, Recurrences
 from dynkit.labels.rotation import Rotation, rotation_of
-from dynkit.orbits.multipliers import MARGIN, PROBES, disturbed_eigenvalues, spectral_radius
+from dynkit.orbits.multipliers import MARGIN, PROBES, disturbed_eigenvalues, product_eigenvalues
 
 # Largest distance of the extrapolated orbit of a geometric decay: _NEAR tolerances, or
 # _NEAR_AT_LAST relative to the largest state when the budget ends.
@@ -26,6 +26,9 @@ _DERIVATIVES = 1e3
 # Factor of the remaining change of a multiplier, which is estimated as that of a geometric decay:
 # near a fold the change decreases like a power of time, and more of it remains.
 _LATER = 3.0
+
+UNKNOWN = 0.0, False
+"""The `attraction` of an orbit without derivatives."""
 
 
 @final
@@ -58,7 +61,7 @@ class Window:
         periodic.
     attraction : callable or None
         Function (n, m) that returns the `attraction` of an orbit of n states or releases, and m
-        periods of the forcing, from the derivatives over the last two periods; infinity without
+        periods of the forcing, from the derivatives over the last two periods; `UNKNOWN` without
         these. None where it is not known.
     """
 
@@ -69,7 +72,7 @@ class Window:
     release_error: Callable[[int, float], float] | None = None
     given_up: bool = False
     resolves: Callable[[int], bool] | None = None
-    attraction: Callable[[int, int | None], float] | None = None
+    attraction: Callable[[int, int | None], tuple[float, bool]] | None = None
 
 
 class OrbitSource(Protocol):
@@ -126,9 +129,10 @@ def label_orbit(
       ends it. Therefore the error of the release a period later must also be within the tolerance.
     - A motion that settles geometrically gets the label of the orbit that it approaches, when the
       ratio of its decay is below 1 by five standard errors, the decay does not slow down, and the
-      extrapolated orbit is within 100 tolerances (1e-2 when the budget ends). If the map has
-      derivatives, it must also be certain that the orbit is stable, or that it is unstable: see
-      `with_multiplier`.
+      extrapolated orbit is within 100 tolerances (1e-2 when the budget ends). The orbit of an
+      impact machine must also be that near by its `attraction`, because a small disturbance that
+      decays slowly is hidden behind a large one. If the map has derivatives, it must also be
+      certain that the orbit is stable, or that it is unstable: see `with_multiplier`.
     - A motion also gets the label of an orbit that is certain to attract by its multipliers, when
       the derivative of the map shows that the last state is within the tolerance of this orbit: see
       `attraction`.
@@ -186,7 +190,7 @@ def _decided(source: OrbitSource, kept: int, tolerance: float, budget: int | Non
         period = orbit.recurrent(tolerance)
         if period is not None and window.resolves is not None and not window.resolves(period):
             period = None
-        period = period or orbit.settling(_NEAR * tolerance)
+        period = period or orbit.settling(_NEAR * tolerance, window.attraction)
         if period is None and window.attraction is not None:
             period = orbit.attracted(tolerance, window.attraction)
         if period is not None and not _is_certain(window, period, orbit.scale, tolerance):
@@ -203,7 +207,7 @@ def _decided(source: OrbitSource, kept: int, tolerance: float, budget: int | Non
         request = min(max(seen, REPETITIONS), limit - spent)
         ends = 2 * request < seen
         if period is None and ends:
-            period = orbit.settling(_NEAR_AT_LAST)
+            period = orbit.settling(_NEAR_AT_LAST, window.attraction)
             if period and not _is_certain(window, period, orbit.scale, _NEAR_AT_LAST):
                 period = None
         if period is not None:
@@ -231,7 +235,8 @@ def with_multiplier(
     last, before : (n, d, d) arrays
         Derivatives of the map at the states of the last period, and of the one before it, in the
         order of time. The error estimate is the difference of their multipliers, summed over all
-        later periods under the assumption that it decays as disturbances do.
+        later periods under the assumption that it decays as disturbances do. It is the larger of
+        two sums: of the differences of the modulus, and of those of the complex number.
     accuracy : float
         Relative accuracy of the map.
     errors : (n,) array, optional
@@ -250,10 +255,14 @@ def _multiplier(
     last: Array, before: Array, accuracy: float, errors: Array | None
 ) -> tuple[float, float]:
     """Return the largest modulus of the multipliers, and its error: see `with_multiplier`."""
-    found, earlier = map(spectral_radius, (last, before))
-    apart = abs(1.0 - found)
-    change = abs(found - earlier)
-    series = _LATER * change * max(1.0, found / apart) if apart else np.inf
+    (largest, *_), earlier = map(product_eigenvalues, (last, before))
+    found, series = float(abs(largest)), np.inf
+    if found != 1.0:
+        with np.errstate(invalid="ignore"):  # infinite multipliers have no known change
+            change = abs(found - abs(earlier[0])) * max(1.0, found / abs(1.0 - found))
+            # while a complex pair turns, its modulus may be the same for a moment
+            turn = abs(earlier - largest).min() * max(1.0, found / abs(1.0 - largest))
+            series = _LATER * float(max(change, turn))
     error = series + _DERIVATIVES * len(last) * accuracy * max(1.0, found)
     if errors is not None:
         random = np.random.default_rng(0)
@@ -262,23 +271,29 @@ def _multiplier(
     return found, error
 
 
-def attraction(last: Array, before: Array, accuracy: float) -> float:
-    """Return how far a state may be from its orbit, in units of its distance to the last period's.
+def attraction(last: Array, before: Array, accuracy: float) -> tuple[float, bool]:
+    """Return the distance of a motion from a periodic orbit, and whether this orbit attracts.
 
-    Let A be the derivative over the last period, and d the change of the state over it. A nearby
-    orbit is then at a distance of |(1 - A)^-1 A d| from the last state, to first order: the sum of
-    all later changes. The result is the norm of (1 - A)^-1, or infinity where the multipliers do
-    not prove that the orbit attracts: see `with_multiplier`, also for the arguments.
+    The distance is in units of the change of the state over the last period. Let A be the
+    derivative over this period, and d the change. To first order, a periodic orbit, stable or
+    unstable, is at a distance of |(1 - A)^-1 d| from the state before the change. The first result
+    is the norm of (1 - A)^-1. It is the norm in the coordinates of the derivatives; labels compare
+    states in section coordinates, and times in periods, where it may differ.
+
+    The second result is whether the multipliers prove that the orbit attracts: see
+    `with_multiplier`, also for the arguments. Derivatives that are not finite give `UNKNOWN`.
     """
     if not (np.isfinite(last).all() and np.isfinite(before).all()):
-        return np.inf
+        return UNKNOWN
     found, error = _multiplier(last, before, accuracy, None)
-    if found + error >= 1.0:
-        return np.inf
     unit = product = np.eye(last.shape[1])
-    for factor in last:
-        product = factor @ product
-    return float(np.linalg.norm(np.linalg.inv(unit - product), 2))
+    with np.errstate(over="ignore", invalid="ignore"):
+        for factor in last:
+            product = factor @ product
+    if not np.isfinite(product).all():
+        return UNKNOWN
+    least = float(np.linalg.norm(unit - product, -2))
+    return 1.0 / least if least else np.inf, found + error < 1.0
 
 
 def settled_label(

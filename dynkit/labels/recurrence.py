@@ -14,6 +14,7 @@ from dynkit.core.smooth_map import proper_divisors
 from dynkit.core.validation import Array
 
 _Indices: TypeAlias = NDArray[np.intp]
+_Attraction: TypeAlias = Callable[[int, int | None], tuple[float, bool]]
 
 REPETITIONS = 3
 """A period is accepted when the window holds it this many times: two full repetitions."""
@@ -195,10 +196,12 @@ class Recurrences:
         decay = self._decay(self._best) if self._best else _Decay(0)
         return decay.falls(_FALL) and _FALL * decay.rest <= self.from_last.max()
 
-    def settling(self, near: float) -> int | None:
+    def settling(self, near: float, attraction: _Attraction | None) -> int | None:
         """Return the period of the orbit on which the motion settles; None if that is not certain.
 
-        The extrapolated distance of the last state from this orbit must be at most `near`.
+        The distance of the last state from this orbit must be at most `near`. It is extrapolated by
+        the fit of the decay, and by the derivative over the period where its `attraction` is known:
+        the fit follows the largest disturbances, and a small one may decay more slowly.
         """
         best = self._best
         if not best or self.from_last[best - 1] > _STEEPEST * near:
@@ -207,25 +210,29 @@ class Recurrences:
             decay = self._decay(n)
             # the smallest period with a decay is the period: its multiples seem to decay faster
             if decay.falls(_DECAY_DEPTH):
-                certain = decay.count >= _DECAY_RECURRENCES and decay.rest <= near
-                apart = all(self.steps(k)[-1] > 3.0 * decay.rest for k in proper_divisors(n))
-                return n if certain and apart else None
+                if decay.count < _DECAY_RECURRENCES or decay.rest > near:
+                    return None
+                factor = attraction(n, self.periods(n))[0] if attraction else 0.0
+                rest = max(decay.rest, float(self.steps(n)[-1]) * factor)
+                apart = all(self.steps(k)[-1] > 3.0 * rest for k in proper_divisors(n))
+                return n if rest <= near and apart else None
         return None
 
-    def attracted(self, near: float, attraction: Callable[[int, int | None], float]) -> int | None:
+    def attracted(self, near: float, attraction: _Attraction) -> int | None:
         """Return the period of an orbit that attracts the motion; None if that is not certain.
 
-        Its distance from the last state, the distance over the last period times its `attraction`,
-        must be at most `near`. Distances over parts of the period must be larger, and those over
-        multiples not much smaller, as where the period has just doubled.
+        Its distance from the last state, by the derivative over the period, must be at most `near`.
+        Distances over parts of the period must be larger, and those over multiples not much
+        smaller, as where the period has just doubled.
         """
         reach = self.from_last[: self.count // REPETITIONS]
         n = int(np.argmax(reach <= near)) + 1 if (reach <= near).any() else 0
         if not n or (reach[n - 1] > _SPLIT and (reach[n - 1 :: n] < 0.1 * reach[n - 1]).any()):
             return None
-        rest = float(self.steps(n)[-1]) * attraction(n, self.periods(n))
+        factor, attracts = attraction(n, self.periods(n))
+        rest = float(self.steps(n)[-1]) * factor
         apart = all(self.steps(k)[-1] > 3.0 * rest for k in proper_divisors(n))
-        return n if rest <= near and apart else None
+        return n if attracts and rest <= near and apart else None
 
     @cached_property
     def _best(self) -> int:

@@ -76,14 +76,6 @@ def product_eigenvalues(factors: Any) -> Any:
         return np.ldexp(mantissas.real, exponents) + 1j * np.ldexp(mantissas.imag, exponents)
 
 
-def spectral_radius(factors: Any) -> float:
-    """Return the largest modulus of the `product_eigenvalues`; one factor must be finite."""
-    if len(factors) == 1:
-        values = _of_one(factors[0])
-        return float(abs(values[abs(values).argmax()]))
-    return float(abs(product_eigenvalues(factors)[0]))
-
-
 def disturbed_eigenvalues(factors: Array, errors: Array, random: np.random.Generator) -> Any:
     """Return the `product_eigenvalues` of factors whose entries are disturbed at random.
 

@@ -5,7 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from dynkit.core.no_motion import NoCrossing
 from dynkit.labels.label import OrbitKind
+from dynkit.systems.impact.elements.stops import HardStop
 from dynkit.systems.impact.oscillators.attractor import ImpactAttractor
 from dynkit.systems.impact.oscillators.chain import ImpactChain
 from tests.impact.many_digits import state_error
@@ -118,6 +120,55 @@ def test_a_focus_of_releases_is_labelled_although_no_straight_fit_describes_its_
     assert np.diff(ends) == pytest.approx(1.0, abs=label.tolerance)
 
 
+DOUBLING = ImpactChain(
+    masses=3, restitution=0.4093844585374893, damping=0.01, frequency=2.2364551875384175
+)
+"""A chain whose P(2,3) is about to double its period: the multiplier is -0.9993963."""
+
+
+def test_a_motion_that_alternates_has_no_doubled_period() -> None:
+    label = DOUBLING.attractor(transient=700, impacts=100).label
+    assert str(label) == "P(2,3)"
+    exact = DOUBLING.attractor(transient=60_000, impacts=100).label
+    assert abs(label.multiplier - exact.multiplier) <= label.multiplier_error
+
+
+def test_few_impacts_of_a_motion_that_alternates_show_no_doubled_period() -> None:
+    chain = ImpactChain(
+        masses=3, restitution=0.7927732168673518, damping=0.02, frequency=0.8339976561375324
+    )
+    assert str(chain.attractor(transient=100, impacts=30).label) == "P(1,1)"
+
+
+@pytest.mark.parametrize(
+    ("frequency", "transient"), [(2.2363915389206657, 100), (2.236384459779958, 100)]
+)
+def test_an_orbit_of_twice_the_period_is_not_called_unstable(
+    frequency: float, transient: int
+) -> None:
+    """The motion settles on a stable P(4,6); its states are between this orbit and P(2,3)."""
+    chain = DOUBLING.replace(frequency=frequency)
+    assert chain.attractor(transient=transient, impacts=100).label.stable is not False
+    settled = chain.attractor(transient=60_000, impacts=100).label
+    assert (str(settled), settled.stable) == ("P(4,6)", True)
+
+
+def test_a_motion_that_does_not_return_has_no_multiplier(monkeypatch: pytest.MonkeyPatch) -> None:
+    table = HardStop(1, amplitude=0.1, restitution=0.8)
+    stops = table, HardStop(1, offset=0.6, restitution=0.6, side="below")
+    machine = ImpactChain(masses=2, frequency=0.9, elements=stops)
+    assert machine._mapped
+    assert np.isfinite(machine.attractor().label.multiplier)
+
+    def ends(*_: object) -> None:
+        raise NoCrossing("there is no next impact")
+
+    monkeypatch.setattr(type(machine), "_followed", ends)
+    label = machine.attractor().label
+    assert label.kind is OrbitKind.PERIODIC
+    assert np.isnan(label.multiplier)
+
+
 def test_sticking_motions_count_table_periods_and_no_impacts() -> None:
     label = ImpactChain(frequency=0.408).attractor().label
     assert label.kind is OrbitKind.STICKING
@@ -146,6 +197,16 @@ def test_a_motion_that_oscillates_while_it_settles_gets_the_orbit_that_it_settle
     assert str(motion.label) == "P(inf,2)"
     exact = abs(motion.periodic_orbit().multipliers[0])
     assert abs(motion.label.multiplier - exact) <= motion.label.multiplier_error < 1e-4
+
+
+def test_the_error_of_a_multiplier_holds_while_the_motion_spirals_into_its_orbit() -> None:
+    chain = ImpactChain(
+        masses=2, restitution=0.21374084735860338, damping=0.005, frequency=1.253653462395794
+    )
+    label = chain.attractor(transient=50, impacts=100).label
+    exact = chain.attractor(transient=8000, impacts=100).label
+    assert str(label) == str(exact) == "P(1,1)"
+    assert abs(label.multiplier - exact.multiplier) <= label.multiplier_error < 1e-6
 
 
 @pytest.mark.parametrize("tolerance", [1e-10, 1e-12, 1e-16, 1e-20])

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from dynkit.core.no_motion import Diverged
 from dynkit.core.validation import Array
 from dynkit.labels.label import OrbitKind, OrbitLabel
-from dynkit.labels.labelling import Window, attraction, label_orbit
+from dynkit.labels.labelling import Window, attraction, label_orbit, with_multiplier
 from dynkit.labels.recurrence import _STEEPEST, _Decay
 
 Numbers = NDArray[np.int64]
@@ -130,7 +130,7 @@ class Attracted(Synthetic):
     derivative = 0.9
 
     def more(self, count: int) -> Window:
-        def known(*_: object) -> float:
+        def known(*_: object) -> tuple[float, bool]:
             factors = np.full((1, 1, 1), self.derivative)
             return attraction(factors, factors, self.accuracy)
 
@@ -177,6 +177,43 @@ def test_a_derivative_does_not_hide_a_doubled_period() -> None:
         return np.asarray(bent(number) + split(1, 3e-8)(number)[:, :2])
 
     assert str(label_orbit(Attracted(doubled, regular_times(1, 2)), kept=122)) == "P(2,4)"
+
+
+@pytest.mark.parametrize("multiplier", [0.5 + 0.4j, -0.3 + 0.8j, -0.9 + 0.2j, 0.1 + 0.3j])
+@pytest.mark.parametrize("period", range(1, 13))
+def test_the_error_of_a_multiplier_holds_while_a_complex_pair_turns(
+    multiplier: complex, period: int
+) -> None:
+    """The change of the modulus vanishes now and then, the change of the pair does not."""
+
+    def derivatives(k: int) -> Array:
+        now = multiplier + 1e-3 * multiplier**k
+        return np.array([[[now.real, -now.imag], [now.imag, now.real]]])
+
+    label = OrbitLabel(OrbitKind.PERIODIC, 1, 1, 1e-6, 1e-7, 100)
+    known = with_multiplier(label, derivatives(period), derivatives(period - 1), 2.0**-52)
+    assert abs(known.multiplier - abs(multiplier)) <= known.multiplier_error
+    assert known.multiplier_error < 0.1 * abs(multiplier) ** period
+
+
+def test_a_fast_decay_does_not_hide_the_slow_one_beside_a_period_doubling() -> None:
+    """The multipliers are 0.8 and -0.9995, and the first disturbance is larger at first."""
+    ratios, sizes = np.array([0.8, -0.9995]), np.array([0.3, 1e-4])
+
+    def state_at(number: Numbers) -> Array:
+        return np.asarray(1.0 + sizes * ratios ** number[:, None])
+
+    class Known(Synthetic):
+        def more(self, count: int) -> Window:
+            def known(n: int, _: object) -> tuple[float, bool]:
+                factors = np.array([np.diag(ratios)] * n)
+                return attraction(factors, factors, self.accuracy)
+
+            return replace(super().more(count), attraction=known)
+
+    given = state_at, regular_times(1, 1)
+    assert str(label_orbit(Synthetic(*given), kept=50)) == "P(2,2)"
+    assert str(label_orbit(Known(*given), kept=50)) == "P(1,1)"
 
 
 @pytest.mark.parametrize("ratio", [0.999, -0.999])

@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given, settings, strategies as st
 
 from dynkit.core.validation import Array
-from dynkit.orbits.multipliers import product_eigenvalues, spectral_radius
+from dynkit.orbits.multipliers import product_eigenvalues
 
 ROUNDING = 2.0**-52
 
@@ -273,12 +273,3 @@ def test_numbers_are_multiplied() -> None:
 def test_bad_factors_are_refused(factors: Array, message: str) -> None:
     with pytest.raises(ValueError, match=message):
         product_eigenvalues(factors)
-
-
-@pytest.mark.parametrize("count", [1, 2, 7])
-@pytest.mark.parametrize("size", [1, 2, 9])
-def test_the_spectral_radius_is_the_largest_modulus(count: int, size: int) -> None:
-    random = np.random.default_rng(size + 10 * count)
-    for scale in (1e-200, 1.0, 1e30):
-        factors = random.normal(size=(count, size, size)) * scale ** (1.0 / count)
-        assert spectral_radius(factors) == abs(product_eigenvalues(factors)[0])

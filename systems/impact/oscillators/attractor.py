@@ -20,6 +20,7 @@ from dynkit.data.result import SavedWithSystem
 from dynkit.dynamics.attractor import Attractor
 from dynkit.labels.label import OrbitKind, OrbitLabel
 from dynkit.labels.labelling import (
+    UNKNOWN,
     Window,
     attraction,
     label_orbit,
@@ -347,9 +348,9 @@ class _ImpactOrbit:
         if self.system._several:
             states = np.column_stack([states, record.element])
 
-        def attracts(n: int, periods: int | None) -> float:
+        def attracts(n: int, periods: int | None) -> tuple[float, bool]:
             found = self._derivatives(None if len(after) else n, periods)
-            return math.inf if found is None else attraction(*found, self.accuracy)
+            return UNKNOWN if found is None else attraction(*found, self.accuracy)
 
         given_up = record.ending is Ending.SEARCH_LIMIT
         of_releases = releases, release_times, release_error
@@ -399,7 +400,7 @@ class _ImpactOrbit:
     def _derivatives(self, n: int | None, m: int | None) -> tuple[Array, Array] | None:
         """Derivatives over the last period of n impacts or m periods, and the one before it.
 
-        None where the motion has no derivative, or the record no two periods.
+        None where the motion has no derivative or does not return, or the record no two periods.
         """
         impacts = self._a_period_apart(n, m)
         if impacts is None:
@@ -412,7 +413,7 @@ class _ImpactOrbit:
                 while len(found) < len(states):
                     here, factors, _ = self.system._followed(here, len(states) - len(found))
                     found += [factor for (factor,), *_ in factors]
-            except (NoDerivative, TangentCrossing):
+            except (NoCrossing, NoDerivative, TangentCrossing):
                 return None
             if moves:
                 begin = [self.system._progression_at(state).across for state in states]
