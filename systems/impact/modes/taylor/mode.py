@@ -105,9 +105,10 @@ class TaylorMode:
 
     def state(self, x: Array, v: Array, sine: Any, cosine: Any) -> Array:
         """States (..., 2, N + J + 1) of positions (..., N + J), velocities (..., N), and phase."""
-        out = np.zeros((*x.shape[:-1], 2, x.shape[-1]))
-        out[..., 0, :], out[..., 1, : self.bodies] = x, v
-        return self.states(out, sine, cosine)
+        out = np.zeros((*x.shape[:-1], 2, x.shape[-1] + 1))
+        out[..., 0, :-1], out[..., 1, : self.bodies] = x, v
+        out[..., 0, -1], out[..., 1, -1] = sine, cosine
+        return out
 
     def parts(self, states: Array) -> tuple[Array, Array, Array]:
         """Coordinates (..., 2, N + J), sine and cosine (...) of states."""
@@ -261,10 +262,13 @@ class TaylorMode:
             (x, v), (sine, cosine) = self.motion(state), state[:, -1].tolist()
             element, row = scene.elements[k], abs(scene.rows_at(x)[k])
             gap, rate = scene.gap(k, x, v, sine, cosine)
-            value = value + watch.gap * gap + watch.rate * rate
-            swings = abs(element.drift) + scene.excitation.frequency * element.amplitude
+        if watch.gap:
+            value += watch.gap * gap
             size += abs(watch.gap) * float(row @ abs(x) + abs(element.offset) + element.amplitude)
-            size += abs(watch.rate) * float(row @ abs(v) + swings)
+        if watch.rate:
+            value += watch.rate * rate
+            moving = abs(element.drift) + scene.excitation.frequency * element.amplitude
+            size += abs(watch.rate) * float(row @ abs(v) + moving)
         if watch.stretch:
             value += watch.stretch * self.stretch(k, state)
             size += abs(watch.stretch) * float(row @ abs(x) + abs(state[0, self.bodies : -1]).max())
