@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 
 from dynkit.core.no_motion import CannotFollow
+from dynkit.core.validation import Array
 from dynkit.systems import (
     DryFriction,
     HardStop,
@@ -21,7 +22,7 @@ from dynkit.systems import (
     TodaChain,
 )
 from dynkit.systems.impact.modes.taylor import chart as taylor_chart
-from dynkit.systems.impact.modes.taylor.mode import horner
+from dynkit.systems.impact.modes.taylor.mode import TaylorMode, horner
 from dynkit.systems.impact.simulation.taylor.position import ABOVE, Position
 from dynkit.systems.impact.simulation.taylor.runs import TaylorCourse
 from tests.impact.disguised import disguised
@@ -165,6 +166,21 @@ def test_changes_of_regimes_that_are_not_reported_are_found(
     assert drops[0] == 0
     assert len(record.events) == len(exact.events)
     assert record.position == pytest.approx(exact.position, abs=1e-9)
+
+
+@pytest.mark.parametrize("name", FORCES)
+def test_forces_are_computed_once_at_each_state(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    machine = disguised(MatrixOscillator(**PRESSED, elements=FORCES[name][1]))
+    states: list[tuple[int, bytes]] = []
+    balance = TaylorMode.balance
+
+    def counted(mode: TaylorMode, state: Array) -> Any:
+        states.append((id(mode), state.tobytes()))
+        return balance(mode, state)
+
+    monkeypatch.setattr(TaylorMode, "balance", counted)
+    machine.simulate(impacts=20, start=machine.state([0.3, 0.6], [0.2, 0.1]))
+    assert len(states) == len(set(states)) > 20
 
 
 def without_short_steps(patch: pytest.MonkeyPatch) -> None:

@@ -211,7 +211,7 @@ class Chart:
     springs : dict
         Places of the springs of sliders in the first half, by the numbers of elements.
     watched : callable
-        Value and rounding error of a guard of the mode, from its number and a motion.
+        Values and rounding errors of guards of the mode, from their numbers and a motion.
     """
 
     def __init__(
@@ -223,7 +223,7 @@ class Chart:
         back: tuple[Array, Array],
         joints: Array,
         events: tuple[int, ...],
-        watched: Callable[..., tuple[float, float]],
+        watched: Callable[..., list[tuple[float, float]]],
     ) -> None:
         self.plan, self.scene, self._pars, self.watched = plan, scene, pars, watched
         self.to_x, self.to_v = to

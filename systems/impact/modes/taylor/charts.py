@@ -37,7 +37,7 @@ class Charts:
         grips: tuple[tuple[int, ...], tuple[int, ...]],
         guards: Sequence[tuple[int, Watch]],
         slips: Sequence[tuple[int, int, float]],
-        watched: Callable[..., tuple[float, float]],
+        watched: Callable[..., list[tuple[float, float]]],
     ) -> None:
         self._scene, self._regimes, self._slips, self._watched = scene, regimes, slips, watched
         self._held, self._sticking = grips

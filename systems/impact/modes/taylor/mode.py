@@ -76,6 +76,7 @@ class TaylorMode:
         self.layout = Layout(np.arange(p), p, -1, p + 1, p + 1)
         ending = self.guards[: self.events]
         self._charts = Charts(scene, self.regimes, grips, ending, self.slips, self._watched)
+        self._last: tuple[bytes, Any] = b"", None
         self._slides = [self.regimes[k].stretch for k in scene.sliders]
 
     @property
@@ -104,9 +105,10 @@ class TaylorMode:
 
     def state(self, x: Array, v: Array, sine: Any, cosine: Any) -> Array:
         """States (..., 2, N + J + 1) of positions (..., N + J), velocities (..., N), and phase."""
-        out = np.zeros((*x.shape[:-1], 2, x.shape[-1]))
-        out[..., 0, :], out[..., 1, : self.bodies] = x, v
-        return self.states(out, sine, cosine)
+        out = np.zeros((*x.shape[:-1], 2, x.shape[-1] + 1))
+        out[..., 0, :-1], out[..., 1, : self.bodies] = x, v
+        out[..., 0, -1], out[..., 1, -1] = sine, cosine
+        return out
 
     def parts(self, states: Array) -> tuple[Array, Array, Array]:
         """Coordinates (..., 2, N + J), sine and cosine (...) of states."""
@@ -177,9 +179,8 @@ class TaylorMode:
                 gap, rate = scene.gap(k, x, v, sine, cosine)
                 gap = self.stretch(k, state) if k in scene.sliders else gap
                 found[k] = regime.push - regime.stiffness * gap - regime.damping * rate
-        signs = np.array([element.sign for element in scene.elements])
         rows = scene.rows_at(x)
-        total = given + (signs * found) @ rows if len(found) else given
+        total = given + (scene.signs * found) @ rows if len(found) else given
         a: Array = np.asarray(np.linalg.solve(mass, total), dtype=float)
         both = [*self.held, *self.sticking]
         if both:
@@ -189,9 +190,9 @@ class TaylorMode:
             moved = swings - scene.bends(x, v)[both]
             along = np.linalg.solve(rows @ response, moved - rows @ a)
             a = a + response @ along
-            found[both] = signs[both] * along
+            found[both] = scene.signs[both] * along
             for k, stop, traction in self.slips:
-                found[k] += signs[k] * signs[stop] * traction * found[stop]
+                found[k] += scene.signs[k] * scene.signs[stop] * traction * found[stop]
         return a, found, given
 
     def pushes(self, rows: Array) -> Array:
@@ -256,19 +257,23 @@ class TaylorMode:
         The rounding error is relative to the sum of the absolute terms of the guard.
         """
         k, watch = self.guards[number]
-        scene, (x, v), (sine, cosine) = self.scene, self.motion(state), state[:, -1].tolist()
-        gap, rate = scene.gap(k, x, v, sine, cosine)
-        element, w = scene.elements[k], scene.excitation.frequency
-        row = abs(scene.rows_at(x)[k])
-        value = watch.level + watch.gap * gap + watch.rate * rate
-        size = abs(watch.level)
-        size += abs(watch.gap) * float(row @ abs(x) + abs(element.offset) + element.amplitude)
-        size += abs(watch.rate) * float(row @ abs(v) + abs(element.drift) + w * element.amplitude)
+        scene, value, size = self.scene, watch.level, abs(watch.level)
+        if watch.gap or watch.rate or watch.stretch:
+            (x, v), (sine, cosine) = self.motion(state), state[:, -1].tolist()
+            element, row = scene.elements[k], abs(scene.rows_at(x)[k])
+            gap, rate = scene.gap(k, x, v, sine, cosine)
+        if watch.gap:
+            value += watch.gap * gap
+            size += abs(watch.gap) * float(row @ abs(x) + abs(element.offset) + element.amplitude)
+        if watch.rate:
+            value += watch.rate * rate
+            moving = abs(element.drift) + scene.excitation.frequency * element.amplitude
+            size += abs(watch.rate) * float(row @ abs(v) + moving)
         if watch.stretch:
             value += watch.stretch * self.stretch(k, state)
             size += abs(watch.stretch) * float(row @ abs(x) + abs(state[0, self.bodies : -1]).max())
         if watch.force:
-            _, pushes, given = self.balance(state)
+            _, pushes, given = self._balance(state)
             value += watch.force * float(pushes[k])
             if watch.normal:
                 value += watch.normal * float(pushes[scene.normal[k]])
@@ -277,9 +282,18 @@ class TaylorMode:
             )
         return float(value), ROUNDING * size
 
-    def _watched(self, number: int, *motion: Any) -> tuple[float, float]:
-        """As `watched`, from positions, velocities, sine and cosine."""
-        return self.watched(number, self.state(*motion))
+    def _watched(self, numbers: Sequence[int], *motion: Any) -> list[tuple[float, float]]:
+        """As `watched`, for several guards, from positions, velocities, sine and cosine."""
+        state = self.state(*motion)
+        return [self.watched(number, state) for number in numbers]
+
+    def _balance(self, state: Array) -> tuple[Array, Array, Array]:
+        """As `balance`, kept until the next state, since several guards need it at one state."""
+        key, (last, found) = state.tobytes(), self._last
+        if key != last:
+            found = self.balance(state)
+            self._last = key, found
+        return found
 
     def rate_row(self, k: int, state: Array) -> Array:
         """Derivative (2 N + J + 1,) of the rate of an element's gap, see `flow` for the order."""

@@ -78,6 +78,11 @@ class Scene:
         rows = [element.row(self.size) for element in self.elements]
         return np.array(rows).reshape(-1, self.size)
 
+    @cached_property
+    def signs(self) -> Array:
+        """Signs (elements,) of the elements."""
+        return np.array([element.sign for element in self.elements])
+
     def rows_at(self, x: Array) -> Array:
         """The rows (elements, N) at positions (N,)."""
         rows = self.rows

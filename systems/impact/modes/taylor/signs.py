@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from typing import Any, final
 
 import numpy as np
@@ -71,28 +72,32 @@ class Signs:
         x, v = self._chart.motion(state[: 2 * self._half], *turn)
         return x[: len(v)], v, *turn
 
-    def _watched(self, i: int, z: Array, sine: float, cosine: float) -> tuple[float, float]:
-        """Value of a guard at coordinates (M,), and its rounding error."""
-        number, motion = self._chart._events[i], self._chart.motion(z, sine, cosine)
-        found: tuple[float, float] = self._chart.watched(number, *motion, sine, cosine)
-        return found
+    def _watched(self, which: Sequence[int], z: Array, sine: float, cosine: float) -> Any:
+        """Value and rounding error of each of some guards at coordinates (M,)."""
+        numbers, motion = (
+            [self._chart._events[i] for i in which],
+            self._chart.motion(z, sine, cosine),
+        )
+        return self._chart.watched(numbers, *motion, sine, cosine)
 
     def _least(self, i: int, z: Array, sine: float, cosine: float, band: float = 0.0) -> float:
         """A guard above this is zero by rounding, or as it was at coordinates (M,).
 
         `band` is its rounding error elsewhere.
         """
-        value, error = self._watched(i, z, sine, cosine)
-        return 2.0 * min(-error, -band, value)
+        ((value, error),) = self._watched([i], z, sine, cosine)
+        return float(2.0 * min(-error, -band, value))
 
-    def _falls(self, i: int, z: Array, sine: float, cosine: float) -> bool:
-        """Whether a guard is negative at the end of a flight, by more than rounding errors."""
-        made = self._chart.integrator
-        angle = float(self._chart._pars[1]) * float(made.time)
+    def _fall(self, which: Sequence[int], z: Array, sine: float, cosine: float) -> bool:
+        """Whether some guards are negative at the end of a flight, by more than rounding errors."""
+        angle = float(self._chart._pars[1]) * float(self._chart.integrator.time)
         s, c = math.sin(angle), math.cos(angle)
         turn = sine * c + cosine * s, cosine * c - sine * s
-        value, band = self._watched(i, self._state[: 2 * self._half], *turn)
-        return value < -band and value < self._least(i, z, sine, cosine, band)
+        ends = self._watched(which, self._state[: 2 * self._half], *turn)
+        return any(
+            value < -band and value < self._least(i, z, sine, cosine, band)
+            for i, (value, band) in zip(which, ends, strict=True)
+        )
 
     def amiss(self, z: Array, sine: float, cosine: float, hit: int = -1) -> bool:
         """Whether an event was missed in a flight from coordinates (M,) that ends at a guard.
@@ -110,7 +115,7 @@ class Signs:
         if not self._careful and not set(negative).isdisjoint(self._impacts):
             return True
         tested = [self._known[n] for n in negative] + [i for i in self._forces if i != hit]
-        return any(self._falls(i, z, sine, cosine) for i in tested)
+        return bool(tested) and self._fall(tested, z, sine, cosine)
 
     def _rate(self, k: int) -> float:
         """Rate of a gap."""
