@@ -167,6 +167,8 @@ class Recurrences:
     def _split(self, n: int) -> int | None:
         """Return the factor of a multiple of n that recurs much better; None if not certain."""
         reach = self.from_last[: self.count // REPETITIONS]
+        if reach[n - 1] <= _SPLIT:  # the motion has settled during the window
+            return 1
         for factor in range(2, len(reach) // n + 1):
             if reach[factor * n - 1] < 0.1 * reach[n - 1]:
                 rest = self.rest(factor * n)
@@ -213,7 +215,7 @@ class Recurrences:
                 if decay.count < _DECAY_RECURRENCES or decay.rest > near:
                     return None
                 factor = attraction(n, self.periods(n))[0] if attraction else 0.0
-                rest = max(decay.rest, float(self.steps(n)[-1]) * factor)
+                rest = max(decay.rest, float(self.steps(n)[-1]) * factor, _ROUNDING)
                 apart = all(self.steps(k)[-1] > 3.0 * rest for k in proper_divisors(n))
                 return n if rest <= near and apart else None
         return None

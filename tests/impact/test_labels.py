@@ -133,6 +133,25 @@ def test_a_motion_that_alternates_has_no_doubled_period() -> None:
     assert abs(label.multiplier - exact.multiplier) <= label.multiplier_error
 
 
+@pytest.mark.parametrize(
+    ("masses", "restitution", "damping", "frequency", "transient", "label"),
+    [
+        (3, 0.5012110617646246, 0.1, 1.7214261864871083, 50, "P(1,2)"),
+        (3, 0.517220097705934, 0.2, 1.2521833842433219, 0, "P(1,1)"),
+        (2, 0.26799680400937964, 0.01, 1.9315317530157443, 0, "P(9,2)"),
+    ],
+)
+def test_rounding_does_not_choose_the_period_of_a_motion_that_has_just_settled(
+    *, masses: int, restitution: float, damping: float, frequency: float, transient: int, label: str
+) -> None:
+    chain = ImpactChain(
+        masses=masses, restitution=restitution, damping=damping, frequency=frequency
+    )
+    impacts = 60 if transient else 100
+    assert str(chain.attractor(transient=transient, impacts=impacts).label) == label
+    assert str(chain.attractor(transient=8000, impacts=impacts).label) == label
+
+
 def test_few_impacts_of_a_motion_that_alternates_show_no_doubled_period() -> None:
     chain = ImpactChain(
         masses=3, restitution=0.7927732168673518, damping=0.02, frequency=0.8339976561375324

@@ -196,6 +196,17 @@ def test_the_error_of_a_multiplier_holds_while_a_complex_pair_turns(
     assert known.multiplier_error < 0.1 * abs(multiplier) ** period
 
 
+@pytest.mark.parametrize("multiple", [2, 3])
+def test_rounding_does_not_choose_a_multiple_of_the_period(multiple: int) -> None:
+    """The last states recur to 1e-13, and by chance better after some periods than after one."""
+    decay = settling(1, 0.5, amplitude=1e-7)
+
+    def state_at(number: Numbers) -> Array:
+        return np.asarray(decay(number) + 1e-13 * (number % multiple)[:, None])
+
+    assert str(label_of(state_at, 1, 2)) == "P(1,2)"
+
+
 def test_a_fast_decay_does_not_hide_the_slow_one_beside_a_period_doubling() -> None:
     """The multipliers are 0.8 and -0.9995, and the first disturbance is larger at first."""
     ratios, sizes = np.array([0.8, -0.9995]), np.array([0.3, 1e-4])
