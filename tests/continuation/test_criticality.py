@@ -335,6 +335,28 @@ def test_a_coefficient_that_is_zero_is_not_certain() -> None:
     assert str(found) == "not certain"
 
 
+@dataclass(frozen=True)
+class Micro(Map):
+    """-(1 + growth) u + b u^2 - b^2 u^3 with u in units of 1e-6: the coefficient is zero."""
+
+    growth: float
+    b: float
+    dimension = 1
+
+    def __call__(self, state: Array) -> Array:
+        u = finite_array("state", state, (1,)) / 1e-6
+        return np.asarray(1e-6 * (-(1.0 + self.growth) * u + self.b * u**2 - self.b**2 * u**3))
+
+
+@pytest.mark.parametrize("b", np.linspace(0.55, 3.85, 12))
+def test_rounding_that_grows_with_the_step_is_within_the_error(b: float) -> None:
+    """Differences over 1e5 times the unit of a map, of derivatives with an accuracy of 1e-11."""
+    branch = continue_orbit(periodic_orbit(Micro(-0.1, b), [0.0]), "growth", bounds=(-0.2, 0.2))
+    found = known(of_kind(branch, "PD")[0])
+    assert abs(found.coefficient) <= found.error < 1e-9 * b**2 / 1e-12
+    assert str(found) == "not certain"
+
+
 @pytest.mark.parametrize("order", [3, 4])
 def test_near_a_strong_resonance_there_is_no_criticality(order: int) -> None:
     system = Polynomial(-0.05, 1, 2.0 * np.pi / order)

@@ -26,8 +26,9 @@ from dynkit.orbits.problem import PeriodicProblem
 from dynkit.orbits.spectrum import Spectrum
 
 # First step of differences, in scaled unknowns. Numbers at the last _SMALLEST steps differ by
-# rounding alone: _SCATTER times the largest difference bounds it.
-_FIRST, _SMALLEST, _SCATTER = 0.1, 5, 4.0
+# rounding alone: _SCATTER times the largest difference bounds it. After the last _FEW of them there
+# are too few smaller steps to bound their own rounding.
+_FIRST, _SMALLEST, _SCATTER, _FEW = 0.1, 5, 4.0, 2
 # _MARGIN is the safety factor of errors that are estimated by trials; _DERIVATIVES is the error of
 # second derivatives, in units of the accuracy of the map.
 _MARGIN, _DERIVATIVES = 4.0, 1e3
@@ -359,10 +360,18 @@ def _limit(
     count = int(np.log2(accuracy ** (-1.0 / 3.0)))
     steps = _FIRST / 2.0 ** np.arange(count)
     last = steps[-_SMALLEST:]
-    scatter = abs(np.diff([number(h) for h in last.tolist()])) * last[1:] ** order
+    finest = np.array([number(h) for h in last.tolist()])
+    scatter = abs(np.diff(finest)) * last[1:] ** order
     noise = _SCATTER * np.fmax.reduce(scatter, initial=accuracy * unit)
     found, error = extrapolated(map(row, steps.tolist()), 4.0, noise)
     if not np.isfinite(found[0]):
         return np.nan, np.inf
-    wrong = _MARGIN * error[0] + _DERIVATIVES * accuracy * abs(found[0])
+    # Where rounding errors grow with the step, those of the limit exceed the noise. The distance to
+    # the numbers at the smallest steps shows this. Differences at no larger steps bound their own.
+    own = _SCATTER * np.maximum(np.append(scatter[:1], scatter), accuracy * unit)
+    own = np.maximum.accumulate(own[::-1])[::-1]
+    own[-_FEW:] = noise
+    apart = abs(finest - found[0]) - own / last**order
+    apart = np.fmax.reduce(apart, initial=error[0])
+    wrong = _MARGIN * apart + _DERIVATIVES * accuracy * abs(found[0])
     return float(found[0]), float(wrong)

@@ -289,7 +289,9 @@ class TaylorMode:
 
     def _balance(self, state: Array) -> tuple[Array, Array, Array]:
         """As `balance`, kept until the next state, since several guards need it at one state."""
-        key, (last, found) = state.tobytes(), self._last
+        found: tuple[Array, Array, Array]
+        key = state.tobytes()
+        last, found = self._last
         if key != last:
             found = self.balance(state)
             self._last = key, found
