@@ -340,12 +340,12 @@ class _Quotients:
             )
         # rounded values may not change over small steps, beside others that do
         wide = abs(self._change(first)[0] - self._change(-first)[0])
-        flat = ((best == 0.0) & (wide > _CORNER * self._noise)).any()
+        flat = (best == 0.0) & (wide > _CORNER * self._noise)
         unsure = error.max(initial=0.0) > _wanted(self._accuracy) * abs(best).max(initial=0.0)
-        varies = best.any() or wide.any()
+        unsure = unsure and (best.any() or wide.any())
         # at zero the smallest steps are not small beside the number
-        if self._value != 0.0 and (flat or (unsure and varies)):
-            noise = self._graininess()
+        if self._value != 0.0 and (unsure or flat.any()):
+            noise = np.where(flat | unsure, self._graininess(), self._noise)
             if (noise > _CORNER * self._noise).any():
                 best, error = self._limit(*own, noise)
         if not within and np.isfinite(self._change(last)[0] + self._change(-last)[0]).all():
@@ -382,7 +382,8 @@ class _Quotients:
             found = np.take_along_axis(sizes, rows, axis=0)
             ratios = found / np.where(found[0] > 0.0, found[0], 1.0)
             rounded = (abs(ratios - np.rint(ratios)) < _TRUSTED).all(axis=0)
-            grain = np.where(rounded & (first >= _SMALLEST), np.fmax(grain, found[0]), grain)
+            known = (first >= _SMALLEST) & (first <= len(sizes) - _MULTIPLES)
+            grain = np.where(rounded & known, np.fmax(grain, found[0]), grain)
         return grain
 
     def _apart(self, noise: float | Array) -> tuple[Array, Array, Array]:
