@@ -358,12 +358,12 @@ def test_a_rounded_value_beside_exact_ones_has_no_derivative_of_zero() -> None:
         assert (abs(found[0] - exact[0]) <= error[0] + 1e-2 * abs(exact).max()).all()
 
 
-@pytest.mark.parametrize("border", [1e-3, 5e-3, 2e-2, 4e-2, 0.1])
+@pytest.mark.parametrize("border", [1e-3, 3e-3, 5e-3, 7e-3, 2e-2])
 def test_a_part_that_is_constant_up_to_a_border_has_a_derivative_of_zero(border: float) -> None:
     """Like a slider that sticks unless the state changes by more: that is no rounded value."""
 
     def sliding(x: Array) -> Array:
-        beyond = max(abs(x[0] - 0.5) - border, 0.0)
+        beyond = max(x[0] - 0.5 - border, 0.0)
         return np.array([np.sin(3.0 * x[0]), beyond + (beyond > 0.0) * 1e-3])
 
     found, error = numerical_derivative(sliding, np.array([0.5]))
