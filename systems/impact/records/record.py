@@ -58,7 +58,12 @@ _TWINS = 3
 # whole run.
 _LEAST_CELLS, _CELLS_OF_TWINS = 10_000, 64
 
-_GO_ON = Ending.NO_FURTHER_CONTACT, Ending.CONTACT_FOR_EVER, Ending.DIED_OUT, Ending.CYCLE_ENDED
+_KNOWN_FOR_EVER = (
+    Ending.NO_FURTHER_CONTACT,
+    Ending.CONTACT_FOR_EVER,
+    Ending.DIED_OUT,
+    Ending.CYCLE_ENDED,
+)
 """Endings after which the motion is known for all times."""
 
 # Doubles in a batch of states: about thirty such arrays exist at once, 60 MB in total.
@@ -485,7 +490,7 @@ class ImpactRecord(Viewed, SavedWithSystem):
         last = longest_sample(self.system, self._run)
         if self.ending is Ending.COUNT_REACHED:
             last = float(self.time[-1]) if len(self) else 0.0
-        elif self.ending not in _GO_ON:
+        elif self.ending not in _KNOWN_FOR_EVER:
             last = self._run.searched
         for i in np.flatnonzero((asked < 0.0) | (asked > last))[:1].tolist():
             raise ValueError(f"times[{i}] must lie in [0, {last}]; got {float(asked[i])}")

@@ -34,10 +34,8 @@ class Signs:
         self._watches = chart._pars[end - WATCHED * len(plan.guards) : end].reshape(-1, WATCHED)
         self._careful = plan.careful
         affine = (self._watches[:, [2, 5]] == 0.0).all(axis=1)
-        self._known, self._forces = (
-            np.flatnonzero(affine).tolist(),
-            np.flatnonzero(~affine).tolist(),
-        )
+        self._known: list[int] = np.flatnonzero(affine).tolist()
+        self._forces: list[int] = np.flatnonzero(~affine).tolist()
         self._places = {i: n for n, i in enumerate(self._known)}
         self._impacts = [self._places[i] for i in plan.impacts]
 
@@ -74,11 +72,8 @@ class Signs:
 
     def _watched(self, which: Sequence[int], z: Array, sine: float, cosine: float) -> Any:
         """Value and rounding error of each of some guards at coordinates (M,)."""
-        numbers, motion = (
-            [self._chart._events[i] for i in which],
-            self._chart.motion(z, sine, cosine),
-        )
-        return self._chart.watched(numbers, *motion, sine, cosine)
+        numbers = [self._chart._events[i] for i in which]
+        return self._chart.watched(numbers, *self._chart.motion(z, sine, cosine), sine, cosine)
 
     def _least(self, i: int, z: Array, sine: float, cosine: float, band: float = 0.0) -> float:
         """A guard above this is zero by rounding, or as it was at coordinates (M,).
